@@ -16,7 +16,6 @@ some degrees of tilt the effect of the flattening changes by less than a pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -40,7 +39,6 @@ from horizonval.estimation.limb.picture import Picture, picture_of, pixel_direct
 from horizonval.estimation.observation import Lens, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, GAIN_SIGMA
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
@@ -53,23 +51,16 @@ FINEST_M, FINEST_PX = 4e3, 0.5
 """Finest step, height at the limb or pixels, the larger of both: within the range of a fit's derivatives."""
 
 
-def start_pose(
-    image: FloatArray,
-    camera: CameraModel,
-    prior: LimbPose,
-    tilt_sigma_rad: float,
-    ellipsoid: Ellipsoid,
-    heights_m: tuple[float, float],
-    profiles: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
-) -> LimbPose:
+def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, tilt_sigma_rad: float) -> LimbPose:
     """Return the prior's pose, tilted to where the image resembles the limb most.
 
-    ``heights_m``: first and last height of the table; ``profiles``: function of normals (m, 3), lines of sight (m, 3)
-    in camera axes and heights (n,) to profiles (m, n). Raises ``LinAlgError``: no tilt makes the image like a limb.
+    ``tilt_sigma_rad``: prior standard deviation of the tilt. Raises ``LinAlgError``: no tilt makes the image like a
+    limb.
     """
+    prior, axes, heights_m = known.mean, known.ellipsoid.axes_m, known.air.heights_m
     values, los, pixel_rad = _coarse(image, camera)
     distance = float(np.linalg.norm(prior.r_itrs))
-    to_limb = float(np.sqrt(max(distance**2 - ellipsoid.axes_m[0] ** 2, 1.0)))
+    to_limb = float(np.sqrt(max(distance**2 - axes[0] ** 2, 1.0)))
     cosine, n = to_limb / distance, prior.nadir_cam
     sine, across = np.sqrt(1.0 - cosine**2), tangent_basis(n)
     # The table has 24 azimuths and steps of a kilometre.
@@ -77,11 +68,12 @@ def start_pose(
     angle = 2.0 * np.pi * np.arange(azimuths) / azimuths
     outwards = across @ np.array([np.cos(angle), np.sin(angle)])
     grid = np.arange(heights_m[0], heights_m[1] + 60e3, grid_m)
-    table = profiles((cosine * outwards - sine * n[:, None]).T, (sine * outwards + cosine * n[:, None]).T, grid)
+    up, towards = (cosine * outwards - sine * n[:, None]).T, (sine * outwards + cosine * n[:, None]).T
+    table = known.air.means(up, towards, prior, grid)
     first, second = across.T @ los
     row = np.mod(np.rint(np.arctan2(second, first) * (azimuths / (2.0 * np.pi))).astype(np.int32), azimuths)
     # What a sphere's heights need to be the ellipsoid's. Beyond a right angle from the nadir there is only space.
-    ray = ray_height(los, prior.cam_from_itrs, prior.r_itrs, ellipsoid.axes_m)
+    ray = ray_height(los, prior.cam_from_itrs, prior.r_itrs, axes)
     sphere = distance * np.sqrt(np.maximum(1.0 - (n @ los) ** 2, 0.0))
     bottom = (np.where(n @ los > 0.0, sphere - ray.height_m, 0.0) + grid[0]) / grid_m
     light = np.maximum(los[2], 0.0) ** 4 if camera.projection == "pinhole" else np.ones(len(values))
@@ -147,26 +139,15 @@ class KnownProfile:
 
     picture: Picture
     knowledge: ProfileKnowledge
-    air: KnownAir
     tilt_sigma_rad: float
 
     def start(self, camera: CameraModel, tilt_sigma_rad: float) -> LimbPose:
-        """Return a pose near the limb, tilted from the prior within its sigma.
-
-        Raises ``LinAlgError``: no tilt makes the image like a limb.
-        """
-        known = self.knowledge
-
-        def means(normal: FloatArray, los: FloatArray, height_m: FloatArray) -> FloatArray:
-            return self.air.means(normal, los, known.mean, height_m)
-
-        return start_pose(
-            self.picture.grey, camera, known.mean, tilt_sigma_rad, known.ellipsoid, self.air.heights_m, means
-        )
+        """Return a pose near the limb, tilted from the prior within its sigma; see :func:`start_pose`."""
+        return start_pose(self.picture.grey, camera, self.knowledge, tilt_sigma_rad)
 
     def limb(self, pose: LimbPose) -> tuple[FloatArray, float, float]:
         """Return nadir, angular radius and angle to the top of the air [rad] of a limb seen from a pose."""
-        ellipsoid, (_, top_m) = self.knowledge.ellipsoid, self.air.heights_m
+        ellipsoid, (_, top_m) = self.knowledge.ellipsoid, self.knowledge.air.heights_m
         bare, high = (angular_radius(pose.r_itrs, ellipsoid.raised(height)) for height in (0.0, top_m))
         return pose.nadir_cam, bare, high - bare
 
@@ -208,13 +189,12 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
         ellipsoid,
         mean,
         information,
-        air.heights_m,
-        air.nodes,
+        air,
         blur_px=prior.lens_blur_px,
         lens=observation.lens or Lens(),
         **calibration,
     )
-    return KnownProfile(picture, knowledge, air, float(prior.attitude_sigma_rad.max()))
+    return KnownProfile(picture, knowledge, float(prior.attitude_sigma_rad.max()))
 
 
 def known_sun_itrs(observation: Observation, towards_sun_itrs: FloatArray) -> FloatArray | None:

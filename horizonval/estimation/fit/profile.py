@@ -28,7 +28,7 @@ so that no pixel enters or leaves a fit at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -40,7 +40,7 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.air import LEFT_LENGTH_RAD, LEFT_M, NodeAir, common_air
+from horizonval.estimation.fit.air import LEFT_LENGTH_RAD, LEFT_M, KnownAir, NodeAir, common_air
 from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfiles, around_of
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ImageModel, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
@@ -87,8 +87,7 @@ class ProfileKnowledge:
     """Prior knowledge of a profile fit.
 
     ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it.
-    ``heights_m``: first and last height of the table. ``air``: function of normals (m, 3), lines of sight (m, 3) in
-    camera axes, pose, grid of distances (first, last, step) and their curve. ``blur_px``, ``blur_log_sigma``: of the
+    ``blur_px``, ``blur_log_sigma``: of the
     lens; ``lens``: blur over the field and diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape
     of the lens's blur (:mod:`.blurred`), which no file states. ``gain``, ``gain_log_sigma``: levels per table radiance
     on the axis; an infinite sigma for an uncalibrated detector.
@@ -97,8 +96,7 @@ class ProfileKnowledge:
     ellipsoid: Ellipsoid
     mean: LimbPose
     information: FloatArray
-    heights_m: tuple[float, float]
-    air: Callable[[FloatArray, FloatArray, LimbPose, tuple[float, float, float], float], NodeAir]
+    air: KnownAir
     blur_px: float = 0.7
     blur_log_sigma: float = 0.3
     lens: Lens = field(default_factory=Lens)
@@ -162,7 +160,7 @@ class ProfileModel:
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
         self.tighter = tighter
-        _, high = knowledge.heights_m
+        high = knowledge.air.heights_m[1]
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
@@ -191,7 +189,7 @@ class ProfileModel:
             step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
             count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
-            self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
+            self.air = knowledge.air.nodes(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
             self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
         else:
             self.air, self.tables = before.air, before.tables

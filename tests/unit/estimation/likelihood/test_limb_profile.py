@@ -70,10 +70,8 @@ def fitted(
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [lift_sigma_m**-2])
     air = KnownAir(table(modes=modes, left=left), EPOCH, None, np.array([1.0, 0.0, 0.0]))
     planet = sphere(RADIUS_M)
-    knowledge = ProfileKnowledge(planet, mean, information, air.heights_m, air.nodes)
-    start = start_pose(
-        image, CAMERA, mean, TILT_SIGMA_RAD, planet, air.heights_m, lambda n, d, h: air.means(n, d, mean, h)
-    )
+    knowledge = ProfileKnowledge(planet, mean, information, air)
+    start = start_pose(image, CAMERA, knowledge, TILT_SIGMA_RAD)
     fit = fit_profile(image, CAMERA, start, knowledge)
     true = -cam @ r / np.linalg.norm(r)
     across = np.linalg.svd(true[None])[2][1:]
@@ -455,10 +453,8 @@ def knowledge_of(seed: int, camera: CameraModel, strength: float = 1.0) -> tuple
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [300.0**-2])
     air = KnownAir(table(modes=True, left=True), EPOCH, None, np.array([1.0, 0.0, 0.0]))
     planet = sphere(RADIUS_M)
-    knowledge = ProfileKnowledge(planet, mean, information, air.heights_m, air.nodes)
-    start = start_pose(
-        image, camera, mean, TILT_SIGMA_RAD, planet, air.heights_m, lambda n, d, h: air.means(n, d, mean, h)
-    )
+    knowledge = ProfileKnowledge(planet, mean, information, air)
+    start = start_pose(image, camera, knowledge, TILT_SIGMA_RAD)
     return image, knowledge, start
 
 
