@@ -78,7 +78,7 @@ static const double DEPTH_PX = 0.5, TAPER_PX = 0.5, LEAST_TAPER = 1e-3, SPACE_PX
 static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, WIDER = 1.5, OBLIQUE = 0.382;
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8, SQUARE_PX = 8 };
 /* Air. */
-static const double LEFT_OUT = 1e-4, LEFT_M = 6e3, LEFT_ABOVE_M = -9e3, LEAST_LEFT = 5e-5, LEFT_LENGTH = 0.1;
+static const double LEFT_OUT = 1e-4, LEFT_M = 6e3, LEFT_LENGTH = 0.1;
 static const double AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
 static const double ENDS_STEP = 0.05, AT_POLE = 1e-9, SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
 /* Noise: degrees of freedom of Student's distribution, and the weighed mean square of normal residuals. */
@@ -501,8 +501,6 @@ static int choose(State *s) {
   return 1;
 }
 
-static double height_of(double g) { return grid_low + g * grid_step - curve * pow(grid_low + g * grid_step, 2.0); }
-
 /* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
 static void functions_of_air(void) {
   static double shape[LIMB_H], spare[GRID];
@@ -510,9 +508,7 @@ static void functions_of_air(void) {
   for (int m = 0; m < nodes; m++) {
     double(*f)[GRID] = transform[m];
     even(node[m].mean, f[0]);
-    double least = LEAST_LEFT * largest_of(f[0], 1, size);
     even(node[m].left, left_at[m]);
-    for (int g = 0; g < size; g++) left_at[m][g] = height_of(g) > LEFT_ABOVE_M ? fmax(left_at[m][g], least) : 0.0;
     for (int k = 0; k < LIMB_K; k++) {
       for (int h = 0; h < LIMB_H; h++) shape[h] = node[m].modes[k][h] * node[m].ends[k][h];
       even(shape, f[1 + k]);

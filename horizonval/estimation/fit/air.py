@@ -54,19 +54,9 @@ LEFT_OUT = 1e-4
 eleven frames, 1e-3 by up to 0.24."""
 LEFT_M, LEFT_LENGTH_RAD = 6e3, 0.1
 """Correlation height and length along the limb of what the modes leave: between those of clouds and of air."""
-LEFT_ABOVE_M = -9e3
-"""Lowest height of what the modes leave: below, the ground's brightness is smooth, which the noise of clouds holds."""
-LEAST_LEFT = 5e-5
-"""Smallest residual sigma relative to the maximum: half a step of the tables' 8 bits."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 """Standard deviation of the optics' gain along the limb, relative, and its correlation length."""
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
-LIMB_M = np.array([-20e3, 80e3])
-"""Heights between which sunlit tables are read for the Sun at the lowest point: below and above is too little light."""
-FARTHEST_RAD, STEPS = 0.25, 6
-"""Largest distance of line ends before their lowest points (160 km below the source of their light), and number of
-positions up to there at which tables are read. In sunlit bands the Sun's angles change by at most 0.8 deg from one to
-the next (200 km)."""
 
 
 @dataclass(frozen=True)
@@ -220,34 +210,33 @@ class KnownAir:
         along = lengths_along(lengths, up, level, POLE_ITRS)
         modes = modes * np.exp(-0.5 * (ends[:, None] / along[:, :, None]) ** 2)
         if table.band_kind == "thermal":
-            nearer = np.minimum(ends, FARTHEST_RAD)
+            # Lines with lowest points 160 km below the source of their light, and deeper, end as far away.
+            nearer = np.minimum(ends, 0.25)
         else:
             nearer = np.broadcast_to(
-                np.clip(table.height_m, *LIMB_M) * np.sqrt(2.0 * curve / MEAN_RADIUS_M), mean.shape
+                np.clip(table.height_m, -20e3, 80e3) * np.sqrt(2.0 * curve / MEAN_RADIUS_M), mean.shape
             )
         mean = self._nearer(nearer, normal_cam, los_cam, pose)
         count = int(np.ceil((grid_m[1] - grid_m[0]) / grid_m[2])) + 1
         borders = grid_m[0] + (np.arange(count + 1) - 0.5) * grid_m[2]
         parts = np.concatenate([mean[:, None], modes, GAIN_SIGMA * mean[:, None], left[:, None]], axis=1)
         parts = _means(table.height_m, parts, borders - curve * borders**2)
-        left = parts[:, -1]
-        left = np.maximum(left, LEAST_LEFT * parts[:, 0].max(axis=1)[:, None])
-        left = np.where(borders[1:] > LEFT_ABOVE_M, left, 0.0)
         lengths = np.concatenate([lengths, everywhere([GAIN_LENGTH_RAD], len(mean))], axis=1)
-        return NodeAir(grid_m[0], grid_m[2], parts[:, :-1], up, lengths, left)
+        return NodeAir(grid_m[0], grid_m[2], parts[:, :-1], up, lengths, parts[:, -1])
 
     def _nearer(
         self, nearer_rad: FloatArray, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose
     ) -> FloatArray:
         """Return means (m, h), every height's from a point of its line nearer by an angle, shape (m, h)."""
-        steps = np.linspace(nearer_rad.min(), nearer_rad.max() + 1e-9, STEPS)
+        # From one to the next the Sun's angles change by at most 0.8 deg (200 km).
+        steps = np.linspace(nearer_rad.min(), nearer_rad.max() + 1e-9, 6)
         means = []
         for step in steps:
             normal = np.cos(step) * normal_cam - np.sin(step) * los_cam
             los = np.cos(step) * los_cam + np.sin(step) * normal_cam
             means.append(self._templates.mean_at(*self._place(normal, los, pose)))
         place = (nearer_rad - steps[0]) / (steps[1] - steps[0])
-        first = np.minimum(place.astype(np.intp), STEPS - 2)
+        first = np.minimum(place.astype(np.intp), len(steps) - 2)
         (before, after), share = (
             (np.take_along_axis(np.array(means), first[None] + k, axis=0)[0] for k in (0, 1)),
             (place - first),

@@ -42,8 +42,6 @@ from horizonval.estimation.observation import Lens
 
 REACH_BLURS = 5.0
 """Range of sampled sums, in blurs: 4e-6 of the central sample."""
-LEAST_BLUR_PX = 0.15
-"""Smallest blur; below it only the central sample remains."""
 AROUND = np.arange(-1, 3)
 """Places of the grid whose coefficients make a spline between one place and the next."""
 
@@ -136,9 +134,10 @@ class BlurredProfiles:
     def _gaussian(self, blur_px: float) -> FloatArray:
         """Return :meth:`_parts` of one Gaussian."""
         smooth = np.exp(-0.5 * (blur_px * self._wave_px) ** 2)
+        least_px = 0.15  # below it only the central sample remains
         place = np.arange(1, int(np.ceil(REACH_BLURS * blur_px)) + 1)
-        weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, LEAST_BLUR_PX)) ** 2)
-        steeper = weight * (place / max(blur_px, LEAST_BLUR_PX)) ** 2
+        weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, least_px)) ** 2)
+        steeper = weight * (place / max(blur_px, least_px)) ** 2
         # Chebyshev: cos (k + 1) x = 2 cos x cos k x - cos (k - 1) x.
         before, now = np.ones_like(self._turns), self._turns
         total, by_blur = np.ones_like(self._turns), np.zeros_like(self._turns)

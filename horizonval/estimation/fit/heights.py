@@ -166,12 +166,6 @@ def seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> Fl
     return seen
 
 
-FADE_M = 1e3
-"""Distance over which the radiance above the last height falls to zero: one step of the shipped tables."""
-LOWEST_M, HIGHEST_M = -20e3, 60e3
-"""Range of edge heights over all bands [m]."""
-
-
 def edge_height(
     height_m: FloatArray, profiles: FloatArray, pixel_m: float, blur_px: float, scale_m: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -184,10 +178,11 @@ def edge_height(
     soft = scale_m / pixel_m
     # A lens of 0.7 px leaves no structure finer than half a pixel.
     x = np.arange(-OUTSIDE_PX - OUTSIDE_SCALES * soft, INSIDE_PX, 0.5)
-    middle = 0.5 * (LOWEST_M + HIGHEST_M)
+    lowest_m, highest_m = -20e3, 60e3  # over all bands
+    middle = 0.5 * (lowest_m + highest_m)
     seen = _blurred(height_m, profiles, middle - x * pixel_m, blur * pixel_m)
     # A kilometre or a twentieth of a pixel: the parabola leaves a hundredth of it.
-    heights = np.arange(LOWEST_M, HIGHEST_M, max(1e3, 0.05 * pixel_m))
+    heights = np.arange(lowest_m, highest_m, max(1e3, 0.05 * pixel_m))
     total = np.einsum("ij,ij->i", seen, seen)
     left = np.empty((len(profiles), len(heights)))
     for k, height in enumerate(heights):
@@ -235,7 +230,8 @@ def _vertex(values: FloatArray, best: np.ndarray) -> tuple[np.ndarray, FloatArra
 
 def _polygon(height_m: FloatArray, profiles: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the corners of profiles (n, h) [m], shape (h + 1,), and the changes of slope there, (n, h + 1)."""
-    places = np.append(height_m, height_m[-1] + FADE_M)
+    # The radiance falls to zero over a kilometre, one step of the shipped tables.
+    places = np.append(height_m, height_m[-1] + 1e3)
     none = np.zeros((len(profiles), 1))
     slopes = np.diff(np.concatenate([profiles, none], axis=1), axis=1) / np.diff(places)
     return places, np.diff(np.concatenate([none, slopes, none], axis=1), axis=1)

@@ -43,13 +43,6 @@ from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
-COARSE_PX, COMPARED_PX = 56, 500
-"""Longer side of the coarse copy [px], and number of its pixels that are compared with the prediction."""
-REACH_SIGMA = 3.5
-"""Range of the tilt search in prior sigmas: all but one of five hundred."""
-FINEST_M, FINEST_PX = 4e3, 0.5
-"""Finest step, height at the limb or pixels, the larger of both: within the range of a fit's derivatives."""
-
 
 def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, tilt_sigma_rad: float) -> LimbPose:
     """Return the prior's pose, tilted to where the image resembles the limb most.
@@ -79,8 +72,9 @@ def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, 
     light = np.maximum(los[2], 0.0) ** 4 if camera.projection == "pinhole" else np.ones(len(values))
     # Numbers of 24 bits are right to some metres from low orbit, to some tens from the geostationary ring.
     values, los, bottom, light = (x.astype(np.float32) for x in (values - values.mean(), los, bottom, light))
-    steps, finest = 10, max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
-    step, best, score = REACH_SIGMA * tilt_sigma_rad / steps, np.zeros(2), np.inf
+    # Half a pixel or 4 km at the limb are within the range of a fit's derivatives; 3.5 sigmas hold all but one of 500.
+    steps, finest = 10, max(4e3 / to_limb, 0.5 * pixel_rad)
+    step, best, score = 3.5 * tilt_sigma_rad / steps, np.zeros(2), np.inf
     while True:
         # Three running means are as good as a Gaussian.
         blurred, width = table, 1 + int(max(step, pixel_rad) * to_limb / grid_m)
@@ -111,8 +105,8 @@ def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, 
 
 
 def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArray, float]:
-    """Return levels (n,) and lines of sight (3, n) of some pixels of a coarse copy, and its pixels' angle."""
-    factor = max(1, int(np.ceil(max(camera.width, camera.height) / COARSE_PX)))
+    """Return levels (n,) and lines of sight (3, n) of 500 pixels of a coarse copy, and its pixels' angle."""
+    factor = max(1, int(np.ceil(max(camera.width, camera.height) / 56)))
     rows, columns = camera.height // factor, camera.width // factor
     cut = image[: rows * factor, : columns * factor]
     values = np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float64).ravel()
@@ -123,12 +117,10 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
     if len(seen) < fewest:
         raise NoLimbError(f"{len(seen)} pixels of a coarse copy; {fewest} are needed")
     # An odd step takes no columns out.
-    seen = seen[:: max(1, len(seen) // COMPARED_PX) | 1]
+    seen = seen[:: max(1, len(seen) // 500) | 1]
     return values[seen], los[seen].T, factor / max(camera.fx, camera.fy)
 
 
-CONTRADICTED = 5.0
-"""Standard deviations: chance is as far off in both axes once in 270 000, exp(-5^2 / 2)."""
 TABLE_ENDING = ".npz"
 """Suffix of a climate that is a table of profiles."""
 
@@ -207,7 +199,8 @@ def known_sun_itrs(observation: Observation, towards_sun_itrs: FloatArray) -> Fl
     reading = SUN_SIGMA_RAD if prior.sun_sigma_rad is None else prior.sun_sigma_rad
     sigma = math.hypot(float(prior.attitude_sigma_rad.max()), reading)
     by_time = Rotation.from_quat(prior.q_cam_from_itrs).apply(towards_sun_itrs)
-    return towards_sun_itrs if off_axis_angle(observation.sun_cam, by_time) <= CONTRADICTED * sigma else None
+    # Chance is five sigmas off in two axes once in 270 000.
+    return towards_sun_itrs if off_axis_angle(observation.sun_cam, by_time) <= 5.0 * sigma else None
 
 
 def what_is_missing(observation: Observation) -> str:

@@ -309,15 +309,9 @@ def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
 
 OF_SIDE = 0.02
 """Edge level up to which, and from one minus which, pixels show the noise of space and Earth; between, the edge's."""
-LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
-"""A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
-and above what twilight leaves; chosen."""
-EVEN = 0.05
-"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
-misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
-DARKEST = 1e-3
-"""Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
-pixels just above it must not determine the limb alone."""
+LIT_SHARE = 0.1
+"""A sector is lit whose light is at least such a share of the 0.95 quantile of all of them: a tenth is below every
+cloud and above what twilight leaves; chosen."""
 
 
 @dataclass(frozen=True)
@@ -367,14 +361,15 @@ def light_noise(
     levels = solve_levels(basis, values, weights, sectors)
     residuals = values - levels.of_pixels(basis)
     light = np.abs(inner_levels(values, edge, levels.of_sector))
-    brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
+    brightest = np.sort(light)[int(0.95 * (len(light) - 1))]
     lit = np.repeat(light >= LIT_SHARE * brightest, len(values) // len(light))
     left = np.maximum(levels.left(basis, weights, 1.0 / counts), 0.1)
     squares, level = (residuals**2 * counts / left)[lit], edge[lit]
     floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
     space, earth = level < OF_SIDE, level > 1.0 - OF_SIDE
     of_space, of_earth = (mean_square(squares[there], squares) for there in (space, earth))
-    line = (max(of_space, DARKEST * of_earth, floor), max(of_earth, floor), 0.0)
+    # Space may have a single grey level, known to one level only; pixels just above must not determine the limb alone.
+    line = (max(of_space, 1e-3 * of_earth, floor), max(of_earth, floor), 0.0)
     between, excess = ~(space | earth), 0.0
     if between.any():
         squares, level = squares[between], level[between]
@@ -382,7 +377,8 @@ def light_noise(
         for _ in range(WEIGHINGS):
             beyond = weighed(squares, expected + excess * share) - expected
             excess = max(float((beyond @ share) / (share @ share)), 0.0)
-    alike, uneven = 1.0, 1.0 - (EVEN * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
+    # Up to 0.05 the ground is uniform: noise and misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35.
+    alike, uneven = 1.0, 1.0 - (0.05 * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
     ground = np.flatnonzero(lit & (edge > 1.0 - OF_SIDE))
     if uneven > 0.0 and len(ground):
         in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))

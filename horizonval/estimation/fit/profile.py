@@ -18,7 +18,7 @@ of which only neighbours couple.
 
 **Noise** (:mod:`.noise`): components by level, by the square of what clouds can change (the radiance of the limb's
 brightest height, blurred, below the highest clouds), and by the square of the slope (errors of the lens model).
-Neglected bumps of the air are in the least variance, alike over a bump's height and length.
+What the modes leave of the air is in the least variance, common over some height and length.
 
 **Lower end.** The variance of the lowest pixels grows smoothly to infinity with the depth at which they see the ground,
 so that no pixel enters or leaves a fit at once.
@@ -70,16 +70,6 @@ DEPTH_PX = 0.5
 the limb see other air, ground and clouds than those that pass it."""
 NEAR_PX = 0.5
 """Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
-SPACE_PX = 4.0
-"""Smallest height of the window above the air."""
-FINEST_STEP_M, STEPS_PER_PIXEL = 400.0, 12.0
-"""Step of the height grid: a twentieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
-pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
-LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
-"""Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
-derivatives."""
-LEAST_TAPER = 1e-3
-"""Smallest weight of a pixel below the window: as good as none."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +159,7 @@ class ProfileModel:
         # Half of it beyond the table is too little to see of it.
         rim = 0.5 * reach
         bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
-        top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
+        top = high + max(rim, 4.0 * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
         near = profile_pixels(
             image,
@@ -186,7 +176,9 @@ class ProfileModel:
         self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
         off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
         if before is None:
-            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
+            # A twentieth of the air's scale height, or a seventh of the blur: the nadir moves by up to 0.03 of its
+            # sigma, with 8 steps a pixel by up to 0.7, since sampled lenses show waves of half a pixel.
+            step, first = max(400.0, pixel_m / 12.0), ends[0] - reach
             count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
             self.air = knowledge.air.nodes(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
@@ -232,8 +224,9 @@ class ProfileModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 at the end of the derivatives' range."""
         own = step[POSE + LENS :]
-        most_px = max(LARGEST_MOTION_M / self.pixel_m, LARGEST_MOTION_PX)
-        logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
+        # Derivatives hold for two scale heights of the air or some pixels.
+        most_px = max(15e3 / self.pixel_m, 3.0)
+        logs = float(np.abs(own[[BLUR, GAIN]]).max()) / 0.5
         return max(self.motion_px(step) / most_px, logs)
 
     def way(self, pose: LimbPose, lens: FloatArray) -> FloatArray:
@@ -337,7 +330,7 @@ class ProfileModel:
         else:
             together = np.ones_like(variance)
         depth = np.clip((look.across_m - self._bottom) / self._taper, 0.0, 1.0)
-        return PixelNoise(variance, together / np.maximum(depth**2 * (3.0 - 2.0 * depth), LEAST_TAPER))
+        return PixelNoise(variance, together / np.maximum(depth**2 * (3.0 - 2.0 * depth), 1e-3))
 
     def linear(self, look: ProfileLook, own: FloatArray, weights: FloatArray) -> ProfileLinear:
         """Return the normal equations at a look."""

@@ -38,7 +38,7 @@ OPTIONS = SolverOptions(
     good=0.2,
 )
 """First the lens with ten times the information of its prior, so that it moves by a third of its range (less lets thin
-clouds soften it, more increases the dependence on the start), and the modes of the air alone, until the pose is near.
+clouds soften it, more increases the dependence on the start), until the pose is near.
 Derivatives are computed again after a predicted gain of five, because the effects of air and height nearly cancel;
 nearer, the changes of the gradient correct them."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
