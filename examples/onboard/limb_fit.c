@@ -754,7 +754,7 @@ static double weigh(const State *s) {
   for (int i = 0; i < count; i++) shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
   double more = first_stage ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
   for (Pixel *p = near_; p < near_ + count; p++) {
-    double left_px = fmax(LEFT_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / every, 1.0);
+    double left_px = fmax(LEFT_M * sqrt(2.0 * PI) * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / every, 1.0);
     p->together = 1.0 + more * fmin(p->beyond / p->variance, 1.0);
     if (!first_stage) p->together += (left_px - 1.0) * fmin(p->left / p->variance, 1.0);
     p->together /= fmax(p->depth * p->depth * (3.0 - 2.0 * p->depth), LEAST_TAPER);

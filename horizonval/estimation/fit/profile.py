@@ -193,7 +193,9 @@ class ProfileModel:
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._left_px = np.maximum(LEFT_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        # The integral of a normal correlation of the length l is (2 pi)^1/2 l.
+        alike_m2 = LEFT_M * np.sqrt(2.0 * np.pi) * LEFT_LENGTH_RAD * MEAN_RADIUS_M
+        self._left_px = np.maximum(alike_m2 / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
 

@@ -52,17 +52,14 @@ class ProfileFit:
     """The most probable pose.
 
     ``covariance`` (7, 7): of a step from the pose, from noise, priors and air; ``relief_covariance``: the air's part.
-    ``blur_px``, ``gain``, ``background``: of the first image. ``squares``, ``determined``: sum of squares of the air's
-    unit unknowns, and the number of them that the pixels determine. ``improbable``: largest mode coefficient along the
-    limb, in standard deviations. ``explained``: smallest share of an image's variance that the prediction explains.
-    ``uv`` (m, 2), ``residuals_rad`` (m,): places on the first image's limb, and by how much their pixels would have it
-    farther in. ``steps`` (k, 7). ``models``, ``looks``, ``noises``, ``own``: of every image, for tests of residuals.
+    ``squares``, ``determined``: sum of squares of the air's unit unknowns, and the number of them that the pixels
+    determine. ``improbable``: largest mode coefficient along the limb, in standard deviations. ``explained``: smallest
+    share of an image's variance that the prediction explains.
+    ``uv`` (m, 2), ``residuals_rad`` (m,): positions on the first image's limb, and by how much their pixels would have
+    it farther in. ``steps`` (k, 7). ``models``, ``looks``, ``noises``, ``own``: of every image, for tests of residuals.
     """
 
     pose: LimbPose
-    blur_px: float
-    gain: float
-    background: float
     covariance: FloatArray
     relief_covariance: FloatArray
     squares: float
@@ -135,12 +132,8 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
     uv, off = by_sector(models[0], looks[0], weights[0])
     airs = [(model.air, state.air[at]) for model, at in zip(models, chosen.columns, strict=True)]
-    blur, _, gain, background = state.own[0]
     return ProfileFit(
         pose=state.pose,
-        blur_px=float(np.exp(blur)),
-        gain=float(np.exp(gain)),
-        background=float(background),
         covariance=known + of_air,
         relief_covariance=of_air,
         squares=squares,
