@@ -45,7 +45,7 @@ limb is 10 km higher; the visible bands of the shipped cameras share 0.97."""
 MONTHS = 12.0
 """Period of the second axis of thermal tables."""
 _AXES = {"solar": ("sun_zenith_rad", "sun_azimuth_rad"), "thermal": ("latitude_rad", "month")}
-_NUMBERS = {"mean": np.int16, "modes": np.int8, "left_sigma": np.int8}
+_NUMBERS: dict[str, type[np.int8] | type[np.int16]] = {"mean": np.int16, "modes": np.int8, "left_sigma": np.int8}
 """Whole numbers of the profiles in a file."""
 
 
@@ -284,6 +284,7 @@ def _spline(axis: FloatArray, level: tuple[bool, bool]) -> CubicSpline:
     n = len(axis)
     if n == 1:
         return CubicSpline(np.append(axis, axis + 1.0), np.ones((2, 1)))
-    slopes = np.gradient(np.eye(n), axis, axis=0, edge_order=min(n - 1, 2))
+    order: Literal[1, 2] = 1 if n == 2 else 2
+    slopes = np.gradient(np.eye(n), axis, axis=0, edge_order=order)
     ends = tuple((1, 0.0 * slope if flat else slope) for flat, slope in zip(level, slopes[[0, -1]], strict=True))
     return CubicSpline(axis, np.eye(n), bc_type=ends)
