@@ -9,8 +9,8 @@
 
    P_s is the profile at the nodes, linear between them, as the pixel's two sides and a lens of s pixels blur it, and
    light the cosine of the off-axis angle to the fourth. y is the distance across the limb in which pixels are even,
-   h = y - curve y^2, and c (s^2 + 1/12) the shift of a bent limb by blur. The functions f_k are the table's modes
-   and the mean itself for a gain that varies along the limb. Unknown are turn (3), position (3), lift, ln blur, sharpness of the lens, ln gain,
+   h = y - curve y^2, and c (s^2 + 1/12) the shift of a bent limb by blur. The functions f_k are the table's modes,
+   those of the air once more where lines end, and the mean itself for a gain that varies along the limb. Unknown are turn (3), position (3), lift, ln blur, sharpness of the lens, ln gain,
    background, and unit unknowns z behind the coefficients at the nodes, a_k = W_k z, with W W^T their covariance
    exp(-d^2 / 2 l^2) for nodes a distance d apart at the Earth's centre.
 
@@ -59,7 +59,8 @@
 #define FEWEST_ROWS 3000
 #define ROWS (2 * FEWEST_ROWS + 512) /* lines of pixels do not meet all squares evenly */
 #define MOST_NODES 33
-#define FUNCTIONS (1 + LIMB_K + 1) /* mean, modes, gain */
+#define SETS (LIMB_K + 1)
+#define FUNCTIONS (1 + LIMB_K + LIMB_ENDS + 1) /* mean, modes, what these of the air are where lines end, gain */
 #define MOST_UNKNOWNS (SHARED + MOST_NODES * (FUNCTIONS - 1))
 #define COLUMNS (2 * (FUNCTIONS - 1) + SHARED + WIDE)
 #define THREE for (int i = 0; i < 3; i++)
@@ -131,8 +132,8 @@ static Node node[MOST_NODES];
 static int count, every, nodes, unknowns, air, half; /* half: steps of the grid of heights */
 static int first_stage;
 static double curve, pixel_m, bottom_y, taper_m, grid_low, grid_step, mean_width, floor_level, floor_sigma, floor_space;
-static int offset_of[FUNCTIONS], rank_of[FUNCTIONS - 1];
-static double wave[FUNCTIONS - 1][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES][FUNCTIONS];
+static int offset_of[FUNCTIONS], rank_of[SETS];
+static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES][FUNCTIONS];
 
 static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
 static double table_at[MOST_NODES][GRID][TABLES], value_at[MOST_NODES][GRID][FUNCTIONS], largest_at[MOST_NODES];
@@ -501,6 +502,9 @@ static int choose(State *s) {
   return 1;
 }
 
+/* The covariance of a function's coefficients: a mode's, or the gain's. */
+static int set_of(int k) { return k <= LIMB_K ? k - 1 : k < FUNCTIONS - 1 ? limb_end[k - LIMB_K - 1] : LIMB_K; }
+
 /* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
 static void functions_of_air(void) {
   static double shape[LIMB_H], spare[GRID];
@@ -509,9 +513,12 @@ static void functions_of_air(void) {
     double(*f)[GRID] = transform[m];
     even(node[m].mean, f[0]);
     even(node[m].left, left_at[m]);
-    for (int k = 0; k < LIMB_K; k++) {
-      for (int h = 0; h < LIMB_H; h++) shape[h] = node[m].modes[k][h] * node[m].ends[k][h];
-      even(shape, f[1 + k]);
+    for (int k = 1; k < FUNCTIONS - 1; k++) {
+      for (int h = 0; h < LIMB_H; h++) {
+        double alike = node[m].ends[set_of(k)][h];
+        shape[h] = node[m].modes[set_of(k)][h] * (k > LIMB_K ? sqrt(1.0 - alike * alike) : alike);
+      }
+      even(shape, f[k]);
     }
     memcpy(f[FUNCTIONS - 1], f[0], sizeof f[0]);
     memset(spare, 0, sizeof spare);
@@ -523,10 +530,8 @@ static void functions_of_air(void) {
     }
   }
   air = 0;
-  for (int k = 1; k < FUNCTIONS; k++) {
-    root_of_covariance(k - 1);
-    offset_of[k] = air, air += rank_of[k - 1];
-  }
+  for (int k = 0; k < SETS; k++) root_of_covariance(k);
+  for (int k = 1; k < FUNCTIONS; k++) offset_of[k] = air, air += rank_of[set_of(k)];
   unknowns = air + SHARED;
 }
 
@@ -569,7 +574,7 @@ static void predict(const State *s) {
   lens(s->blur);
   for (int m = 0; m < nodes; m++) {
     for (int k = 1; k < FUNCTIONS; k++)
-      coefficient[m][k] = product(wave[k - 1][m], s->z + offset_of[k], rank_of[k - 1]);
+      coefficient[m][k] = product(wave[set_of(k)][m], s->z + offset_of[k], rank_of[set_of(k)]);
     memset(im, 0, sizeof im);
     for (int g = 0; g <= half; g++) {
       double sum = transform[m][0][g], slope = g < half ? PI * g / half : 0.0; /* of frequencies in steps of the grid */
@@ -627,10 +632,10 @@ static int select_pixels(State *s, int window) {
   functions_of_air();
   memset(s->z, 0, sizeof s->z);
   for (int k = 1; had_nodes && k < FUNCTIONS; k++)
-    for (int j = 0; j < rank_of[k - 1]; j++) {
+    for (int j = 0; j < rank_of[set_of(k)]; j++) {
       double sum = 0.0, squares = 0.0;
       for (int m = 0; m < nodes; m++) {
-        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[k - 1][m][j];
+        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[set_of(k)][m][j];
         int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
         sum += w * ((at - i) * had[k][i + 1] + (i + 1 - at) * had[k][i]), squares += w * w;
       }
@@ -838,10 +843,10 @@ static void gradient(const State *s, double *out) {
     for (int k = 1; k < FUNCTIONS; k++) pull[m][k] = product(to_all, transform[m][k], half + 1);
   }
   for (int j = 1; j < FUNCTIONS; j++)
-    for (int a = 0; a < rank_of[j - 1]; a++) {
+    for (int a = 0; a < rank_of[set_of(j)]; a++) {
       double *sum = &out[offset_of[j] + a];
       *sum = -s->z[offset_of[j] + a];
-      for (int m = 0; m < nodes; m++) *sum += wave[j - 1][m][a] * pull[m][j];
+      for (int m = 0; m < nodes; m++) *sum += wave[set_of(j)][m][a] * pull[m][j];
     }
 }
 
@@ -899,11 +904,11 @@ static void equations(const State *s) {
       for (int k = 0; k <= j; k++) N[air + k][air + j] += square[2 * added + j][2 * added + k];
   }
   for (int j = 0; j < added; j++) {
-    double(*W)[MOST_NODES + WIDE] = wave[j];
-    int rank = rank_of[j], first = offset_of[j + 1];
+    double(*W)[MOST_NODES + WIDE] = wave[set_of(j + 1)];
+    int rank = rank_of[set_of(j + 1)], first = offset_of[j + 1];
     for (int k = j; k < added; k++) {
-      double(*V)[MOST_NODES + WIDE] = wave[k];
-      int other = rank_of[k];
+      double(*V)[MOST_NODES + WIDE] = wave[set_of(k + 1)];
+      int other = rank_of[set_of(k + 1)];
       for (int m = 0; m < nodes; m++)
         for (int b = 0; b < other; b++)
           pushed[m][b] = own[m][k][j] * V[m][b] + (m + 1 < nodes ? next[m][j][k] * V[m + 1][b] : 0.0) +

@@ -8,10 +8,10 @@ diag(w) V^T``, and (Karhunen and Loeve) ::
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
 A line that passes at ``h``, below the height ``z`` from which the radiance comes, ends the angle ``e`` before its
-lowest point. The air there is correlated with that at the lowest point by ``r``, which is the share of a mode that is
-left there; the part of its own is neglected::
+lowest point. The air there is correlated with that at the lowest point by ``r``, so that a mode ``f`` of the air splits
+into two with independent coefficients; of clouds and ground the second is neglected::
 
-    e = (2 (z - h) / R)^1/2,      r = exp(-e^2 / (2 l^2))
+    a r f(h) + b (1 - r^2)^1/2 f(h),        e = (2 (z - h) / R)^1/2,        r = exp(-e^2 / (2 l^2))
 
 with the length ``l`` along the line, and ``z`` the highest height at which the mean has half of its maximum. Waves that
 hold less than :data:`LEFT_OUT` of a mode's variance are left out. One more function is the gain of the
@@ -208,7 +208,9 @@ class KnownAir:
         up, level = normal_cam @ pose.cam_from_itrs, los_cam @ pose.cam_from_itrs
         lengths, ends = table.lengths_at(first), line_ends_rad(table.height_m, mean)
         along = lengths_along(lengths, up, level, POLE_ITRS)
-        modes = modes * np.exp(-0.5 * (ends[:, None] / along[:, :, None]) ** 2)
+        alike = np.exp(-0.5 * (ends[:, None] / along[:, :, None]) ** 2)
+        air = np.flatnonzero(np.array(table.mode_kinds) == "air")
+        modes = np.concatenate([modes * alike, (modes * np.sqrt(1.0 - alike**2))[:, air]], axis=1)
         if table.band_kind == "thermal":
             # Lines with lowest points 160 km below the source of their light, and deeper, end as far away.
             nearer = np.minimum(ends, 0.25)
@@ -221,7 +223,7 @@ class KnownAir:
         borders = grid_m[0] + (np.arange(count + 1) - 0.5) * grid_m[2]
         parts = np.concatenate([mean[:, None], modes, GAIN_SIGMA * mean[:, None], left[:, None]], axis=1)
         parts = _means(table.height_m, parts, borders - curve * borders**2)
-        lengths = np.concatenate([lengths, everywhere([GAIN_LENGTH_RAD], len(mean))], axis=1)
+        lengths = np.concatenate([lengths, lengths[:, air], everywhere([GAIN_LENGTH_RAD], len(mean))], axis=1)
         return NodeAir(grid_m[0], grid_m[2], parts[:, :-1], up, lengths, parts[:, -1])
 
     def _nearer(

@@ -285,6 +285,6 @@ def _spline(axis: FloatArray, level: tuple[bool, bool]) -> CubicSpline:
     if n == 1:
         return CubicSpline(np.append(axis, axis + 1.0), np.ones((2, 1)))
     order: Literal[1, 2] = 1 if n == 2 else 2
-    slopes = np.gradient(np.eye(n), axis, axis=0, edge_order=order)
+    slopes = np.asarray(np.gradient(np.eye(n), axis, axis=0, edge_order=order))
     ends = tuple((1, 0.0 * slope if flat else slope) for flat, slope in zip(level, slopes[[0, -1]], strict=True))
     return CubicSpline(axis, np.eye(n), bc_type=ends)

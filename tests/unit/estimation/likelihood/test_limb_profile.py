@@ -208,10 +208,11 @@ def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
     grid = nodes.bottom_m + nodes.step_m * np.arange(nodes.functions.shape[2])
     at = np.array([-50e3, -20e3, 0.0, 10e3])
     ends = np.arccos((RADIUS_M + at) / (RADIUS_M + source_m))
-    mean, near = (np.interp(at, grid, nodes.functions[0, k]) for k in range(2))
+    mean, near, elsewhere = (np.interp(at, grid, nodes.functions[0, k]) for k in range(3))
     # Multilinear between latitudes and places of the table; the angle is the square root's, right to 0.3 %.
     np.testing.assert_allclose(mean, 1.0 - ends, atol=2e-3)
     np.testing.assert_allclose(near, np.exp(-0.5 * (ends / LENGTH_RAD) ** 2), atol=6e-3)
+    np.testing.assert_allclose(near**2 + elsewhere**2, 1.0, atol=2e-3)
 
 
 def sunlit(light: Any) -> LimbTemplates:
