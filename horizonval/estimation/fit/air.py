@@ -14,9 +14,9 @@ into two with independent coefficients; of clouds and ground the second is negle
     a r f(h) + b (1 - r^2)^1/2 f(h),        e = (2 (z - h) / R)^1/2,        r = exp(-e^2 / (2 l^2))
 
 with the length ``l`` along the line, and ``z`` the highest height at which the mean has half of its maximum. Waves that
-hold less than :data:`LEFT_OUT` of a mode's variance are left out. One more function is the gain of the
-optics, calibrated to :data:`GAIN_SIGMA`: the mean profile itself. What the modes leave of the ensemble is noise of the
-pixels, common to those within :data:`LEFT_M` of height and :data:`LEFT_LENGTH_RAD` along the limb.
+hold less than :data:`LEFT_OUT` of a mode's variance are left out. One more function is the gain of the optics,
+calibrated to :data:`GAIN_SIGMA`: the mean profile itself. What the modes leave of the ensemble is noise of the pixels,
+common to those within :data:`LEFT_M` of height and :data:`LEFT_LENGTH_RAD` along the limb.
 
 **Table.** Profiles are read at the location of the limb and its Sun. With the normal ``u`` of the ellipsoid beneath a
 point of the limb, the (level) line of sight ``d`` to it and the Sun's direction ``s``: zenith angle ``acos(s . u)``,

@@ -77,10 +77,9 @@ class ProfileKnowledge:
     """Prior knowledge of a profile fit.
 
     ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it.
-    ``blur_px``, ``blur_log_sigma``: of the
-    lens; ``lens``: blur over the field and diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape
-    of the lens's blur (:mod:`.blurred`), which no file states. ``gain``, ``gain_log_sigma``: levels per table radiance
-    on the axis; an infinite sigma for an uncalibrated detector.
+    ``blur_px``, ``blur_log_sigma``: of the lens; ``lens``: blur over the field and diffraction from the camera file.
+    ``sharpness``, ``sharpness_sigma``: shape of the lens's blur (:mod:`.blurred`), which no file states. ``gain``,
+    ``gain_log_sigma``: levels per table radiance on the axis; an infinite sigma for an uncalibrated detector.
     """
 
     ellipsoid: Ellipsoid

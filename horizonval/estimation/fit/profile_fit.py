@@ -38,9 +38,9 @@ OPTIONS = SolverOptions(
     good=0.2,
 )
 """First the lens with ten times the information of its prior, so that it moves by a third of its range (less lets thin
-clouds soften it, more increases the dependence on the start), until the pose is near.
-Derivatives are computed again after a predicted gain of five, because the effects of air and height nearly cancel;
-nearer, the changes of the gradient correct them."""
+clouds soften it, more increases the dependence on the start), until the pose is near. Derivatives are computed again
+after a predicted gain of five, because the effects of air and height nearly cancel; nearer, the changes of the gradient
+correct them."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """Settings of a start: the first stage alone, to about a standard deviation."""
 SCATTERED = 2.0
