@@ -239,11 +239,8 @@ class KnownAir:
             means.append(self._templates.mean_at(*self._place(normal, los, pose)))
         place = (nearer_rad - steps[0]) / (steps[1] - steps[0])
         first = np.minimum(place.astype(np.intp), len(steps) - 2)
-        (before, after), share = (
-            (np.take_along_axis(np.array(means), first[None] + k, axis=0)[0] for k in (0, 1)),
-            (place - first),
-        )
-        return np.asarray(before + share * (after - before))
+        before, after = (np.take_along_axis(np.array(means), first[None] + k, axis=0)[0] for k in (0, 1))
+        return np.asarray(before + (place - first) * (after - before))
 
     def means(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, height_m: FloatArray) -> FloatArray:
         """Return the mean profiles at places (m, 3) on heights (n,), shape (m, n); above the table nothing."""
