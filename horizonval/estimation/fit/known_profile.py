@@ -71,7 +71,7 @@ def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, 
     bottom = (np.where(n @ los > 0.0, sphere - ray.height_m, 0.0) + grid[0]) / grid_m
     light = np.maximum(los[2], 0.0) ** 4 if camera.projection == "pinhole" else np.ones(len(values))
     # Numbers of 24 bits are right to some metres from low orbit, to some tens from the geostationary ring.
-    values, los, bottom, light = (x.astype(np.float32) for x in (values - values.mean(), los, bottom, light))
+    grey, lines, lowest, lit = (x.astype(np.float32) for x in (values - values.mean(), los, bottom, light))
     # Half a pixel or 4 km at the limb are within the range of a fit's derivatives; 3.5 sigmas hold all but one of 500.
     steps, finest = 10, max(4e3 / to_limb, 0.5 * pixel_rad)
     step, best, score = 3.5 * tilt_sigma_rad / steps, np.zeros(2), np.inf
@@ -84,13 +84,13 @@ def start_pose(image: FloatArray, camera: CameraModel, known: ProfileKnowledge, 
         tilts = best + np.array(np.meshgrid(offsets, offsets)).reshape(2, -1).T
         nadirs = n + tilts @ across.T
         nadirs /= np.linalg.norm(nadirs, axis=1)[:, None]
-        cosines = nadirs.astype(np.float32) @ los
-        height = np.sqrt(np.maximum(1.0 - cosines * cosines, 0.0)) * np.float32(distance / grid_m) - bottom
+        cosines = nadirs.astype(np.float32) @ lines
+        height = np.sqrt(np.maximum(1.0 - cosines * cosines, 0.0)) * np.float32(distance / grid_m) - lowest
         place = np.clip(height, 0, len(grid) - 1).astype(np.int32) + row * np.int32(len(grid))
-        predicted = np.take(blurred.astype(np.float32), place) * ((cosines > 0.0) * light)
+        predicted = np.take(blurred.astype(np.float32), place) * ((cosines > 0.0) * lit)
         predicted -= predicted.mean(axis=1)[:, None]
-        power, common = np.einsum("ij,ij->i", predicted, predicted), np.maximum(predicted @ values, 0.0)
-        likeness = common.astype(float) ** 2 / np.maximum(power.astype(float) * float(values @ values), 1e-300)
+        power, common = np.einsum("ij,ij->i", predicted, predicted), np.maximum(predicted @ grey, 0.0)
+        likeness = common.astype(float) ** 2 / np.maximum(power.astype(float) * float(grey @ grey), 1e-300)
         merit = len(values) * np.log(np.maximum(1.0 - likeness, 1e-7)) + (tilts**2).sum(axis=1) / tilt_sigma_rad**2
         i = int(np.argmin(merit))
         best, score = tilts[i], float(merit[i])

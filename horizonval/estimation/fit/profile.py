@@ -314,8 +314,8 @@ class ProfileModel:
     def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
-        before, after = (self.air.left[near.sector, look.place + k] for k in (0, 1))
-        left = (np.exp(look.own[GAIN]) * near.light * (before + look.share * (after - before))) ** 2
+        low, high = (self.air.left[near.sector, look.place + k] for k in (0, 1))
+        left = (np.exp(look.own[GAIN]) * near.light * (low + look.share * (high - low))) ** 2
         clouds = near.light * look.brightest * self.below_clouds
         per_px = near.light * look.changes[0] * self.width_m
         variance, shown = variance_of(
