@@ -31,7 +31,7 @@ from horizonval.renderer.kernel.node_batches import Place
 from horizonval.renderer.planet import way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayTable
 from horizonval.renderer.view_table.sunlit_air import (
     IN_SHADOW_BEFORE,
     LEAST_BENDING_RAD,
@@ -126,7 +126,7 @@ class BrokenAir:
         """Packets of a batch in a piece: optical depths without and with cloud, then L, J and H, and of the ground."""
         return 8 if self.light.over_varied_ground else 5
 
-    def table(self, bright: FloatArray) -> PatchTable:
+    def table(self, bright: FloatArray) -> RayTable:
         """Return an empty table; ``bright``: radiance of the bright limb, (batches * 4,)."""
         light, plane, count, packets = self.light, self.plane, len(self.light.batches), self._packets
         o = vectors(plane.coordinates.origin[None, :])
@@ -171,7 +171,7 @@ class BrokenAir:
         )
 
     def look(
-        self, table: PatchTable, x: mi.Float64, azimuth: mi.Float64, o: Vec, d: Vec, batch: int, width: int
+        self, table: RayTable, x: mi.Float64, azimuth: mi.Float64, o: Vec, d: Vec, batch: int, width: int
     ) -> tuple[Values, Values, Values, mi.Float64]:
         """Return radiance, transmittance and what the ground adds of a batch along rays, and the bending angle."""
         stations, planet = self.stations(o, d), self.plane.coordinates.planet

@@ -31,19 +31,18 @@ from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayTable
+from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 from horizonval.renderer.view_table.sunlit_air import (
     FAINT,
     Light,
     RayPlane,
-    StationPlace,
     bending_packet,
     bounce_packet,
     bright_limb,
     brightest_air,
     cloudy_air,
     limb_plane,
-    look_at_stations,
     packets_of,
     place_among,
     radiance_packet,
@@ -61,7 +60,7 @@ DARKEST = 1e-6
 class _Cloudy:
     """Rays of a group that end on clouds: their indices, and places in the table before clouds and in its stations."""
 
-    table: PatchTable
+    table: RayTable
     index: mi.UInt32
     x: mi.Float64
     azimuth: mi.Float64
@@ -74,7 +73,7 @@ class _Looked:
 
     light: Light
     coordinates: RayCoordinates
-    table: PatchTable
+    table: RayTable
     x: mi.Float64
     azimuth: mi.Float64
     marched: mi.UInt32
@@ -241,7 +240,7 @@ class FrameTables:
 
     def _table(
         self, light: Light, plane: RayPlane, cloud_top_m: float | None = None, broken: BrokenAir | None = None
-    ) -> PatchTable:
+    ) -> RayTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
         # rays that end on a map or a cloud know themselves by how much they have turned
         bends = (
@@ -254,7 +253,7 @@ class FrameTables:
             "sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m, broken is not None
         )
 
-        def make() -> PatchTable:
+        def make() -> RayTable:
             if broken is not None:
                 return broken.table(self._bright)
             if cloud_top_m is None:

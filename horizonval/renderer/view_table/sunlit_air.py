@@ -46,7 +46,8 @@ from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
-from horizonval.renderer.view_table.patch_table import PACKET, ROW_PATCHES, PatchTable, Tabulated
+from horizonval.renderer.view_table.ray_table import HALVED, PACKET, RayTable
+from horizonval.renderer.view_table.stations import LEAST_INTERVALS, StationPlace
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class RayPlane:
             return cls(coordinates, to_ground, (), ())
         edges = sorted({edge for edge in edges_m if 0.0 < edge < top_m})
         # the highest ones only if there are more than patches
-        heights = (*edges[max(len(edges) + 1 - ROW_PATCHES, 0) :], top_m)
+        heights = (*edges[max(len(edges) + 1 - HALVED.rows, 0) :], top_m)
         return cls(coordinates, to_ground, heights, _shared_out(coordinates.limb, heights))
 
     @property
@@ -123,13 +124,13 @@ class RayPlane:
             last = share - (patches - 1.0)
             place += dr.select(last > 0.0, patches - dr.sqrt(dr.maximum(1.0 - last, 0.0)), share)
             low = high
-        return place * (1.0 / ROW_PATCHES), azimuth
+        return place * (1.0 / HALVED.rows), azimuth
 
     def _on_axis(self, x: FloatArray, azimuth: FloatArray) -> FloatArray:
         """Return the places on the axis, over its length."""
         if not self.heights_m:
             return x
-        place, first = x * ROW_PATCHES, 0
+        place, first = x * HALVED.rows, 0
         low, on_axis = np.zeros_like(x), np.zeros_like(x)
         for height, count in zip(self.heights_m, self.patches, strict=True):
             high = self._border(height, azimuth)
@@ -165,7 +166,7 @@ def _shared_out(axis: RayAxis, heights_m: Sequence[float]) -> tuple[int, ...]:
     ends = [0.0, *(math.asinh(height / axis.dense) for height in heights_m)]
     lengths = [high - low for low, high in pairwise(ends)]
     counts = [1] * len(lengths)
-    for _ in range(ROW_PATCHES - len(lengths)):
+    for _ in range(HALVED.rows - len(lengths)):
         widest = max(range(len(lengths)), key=lambda k: lengths[k] / counts[k])
         counts[widest] += 1
     return tuple(counts)
@@ -401,7 +402,7 @@ def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, 
     return out
 
 
-def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray, bends: bool) -> PatchTable:
+def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray, bends: bool) -> RayTable:
     """Return an empty table of a light's air over a plane of rays. ``bends``: whether to keep the bending angle."""
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
@@ -432,7 +433,7 @@ def air_table(
     own: NDArray[np.bool_],
     *,
     single: bool = False,
-) -> PatchTable:
+) -> RayTable:
     """Return an empty table of ``values``, with an error that is the light's accuracy.
 
     As a share of ``scale``, shape (quantities,), or of values themselves where ``own`` and they are larger.
@@ -445,7 +446,7 @@ def air_table(
         found *= miss
         return found
 
-    return PatchTable(Tabulated(values, allowed, len(scale), single=single))
+    return RayTable(values, len(scale), allowed=allowed, single=single)
 
 
 STATIONS, STATIONS_TO_GROUND = 19, 13
@@ -457,16 +458,6 @@ IN_SHADOW_BEFORE = 2
 """Factor on :data:`STEPS_BEFORE` where the Earth's shadow may cut rays; three pieces then share them."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
-LEAST_INTERVALS = 3
-"""Of a piece: a cubic goes through four stations."""
-
-
-@dataclass(frozen=True)
-class StationPlace:
-    """Places among the stations: the first of the four around, and how far from it, in stations."""
-
-    lowest: mi.UInt32
-    beyond: mi.Float64
 
 
 def stations_along(
@@ -523,7 +514,7 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     return [0, *accumulate(shares)]
 
 
-def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) -> PatchTable:
+def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) -> RayTable:
     """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
     coordinates, to_ground = plane.coordinates, plane.to_ground
     o = vectors(coordinates.origin[None, :])
@@ -560,25 +551,4 @@ def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:
     """Return the places of cloud tops at ray parameters ``t``."""
     low, high, first, last = stations.piece(lambda k: t >= stations.cuts[k])
     number = dr.fma(dr.clip((t - low) / dr.maximum(high - low, 1e-3), 0.0, 1.0), last - first, first)
-    lowest = dr.clip(dr.floor(number) - 1.0, first, last - LEAST_INTERVALS)
-    return StationPlace(mi.UInt32(lowest), number - lowest)
-
-
-def look_at_stations(
-    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, place: StationPlace, each: int, packets: Sequence[int]
-) -> Values:
-    """Return the quantities of some packets of a station at places along rays; ``each``: packets of a station."""
-    w = place.beyond
-    weights = [
-        -(w - 1.0) * (w - 2.0) * (w - 3.0) * (1.0 / 6.0),
-        w * (w - 2.0) * (w - 3.0) * 0.5,
-        -w * (w - 1.0) * (w - 3.0) * 0.5,
-        w * (w - 1.0) * (w - 2.0) * (1.0 / 6.0),
-    ]
-    read = [(place.lowest + k) * each + packet for k in range(4) for packet in packets]
-    values = table.look(x, azimuth, read)
-    width = PACKET * len(packets)
-    total = [mi.Float64(0.0)] * width
-    for k, weight in enumerate(weights):
-        total = [dr.fma(weight, v, t) for v, t in zip(values[k * width : (k + 1) * width], total, strict=True)]
-    return total
+    return StationPlace.at(number, first, last)

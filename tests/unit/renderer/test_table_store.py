@@ -1,0 +1,67 @@
+"""The store of tables, which drops those that were used longest ago."""
+
+from __future__ import annotations
+
+from threading import Thread
+
+import pytest
+
+from horizonval.renderer.table_store import TableStore
+
+
+def _get(store: TableStore, key: str, nbytes: int = 40) -> bytearray:
+    return store.get_or_make(key, lambda: bytearray(nbytes), len)
+
+
+def test_a_table_is_made_once_and_what_was_used_longest_ago_goes_first() -> None:
+    store = TableStore(100)
+    for key in ("a", "b", "a", "c"):
+        assert _get(store, key) is _get(store, key)
+    assert _get(store, "c") is not _get(store, "a")
+    assert ["a" in store, "b" in store, "c" in store] == [True, False, True]
+    assert store.nbytes == 80
+    large = _get(store, "d", 500)
+    assert _get(store, "d") is large
+    _get(store, "e")
+    assert ("d" in store, len(store)) == (False, 1)
+
+
+def test_a_table_that_grew_pushes_others_out_when_the_next_is_asked_for() -> None:
+    store = TableStore(100)
+    _get(store, "a")
+    grown = _get(store, "b")
+    grown.extend(bytes(41))
+    assert _get(store, "b") is grown
+    assert "a" not in store
+    assert store.nbytes == 81
+
+
+def test_a_failure_leaves_nothing_behind_and_making_may_ask_for_another() -> None:
+    store = TableStore(100)
+
+    def fail() -> bytearray:
+        raise ValueError("no table")
+
+    with pytest.raises(ValueError, match="no table"):
+        store.get_or_make("a", fail, len)
+    assert "a" not in store
+    assert store.get_or_make("a", lambda: _get(store, "b") + b"1", len) == bytes(40) + b"1"
+    assert len(store) == 2
+    store.clear()
+    assert store.nbytes == 0
+
+
+def test_threads_share_one_table() -> None:
+    store = TableStore(100)
+    made: list[bytearray] = []
+
+    def make() -> bytearray:
+        made.append(bytearray(40))
+        return made[-1]
+
+    threads = [Thread(target=store.get_or_make, args=("a", make, len)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == 1
