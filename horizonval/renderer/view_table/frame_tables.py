@@ -26,7 +26,7 @@ from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
-from horizonval.renderer.refraction import RefractionTables
+from horizonval.renderer.refraction import ray_end
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
@@ -37,7 +37,6 @@ from horizonval.renderer.view_table.sunlit_air import (
     FAINT,
     Light,
     RayPlane,
-    bending_packet,
     bounce_packet,
     bright_limb,
     brightest_air,
@@ -115,19 +114,17 @@ class FrameTables:
         view: FrameGeometry,
         cells: Cells,
         hits: tuple[SurfaceHit | None, SurfaceHit | None],
-        batches: Sequence[SolarNodes],
-        nodes: int,
+        lights: Sequence[Light],
         digest: str,
         accuracy: float,
     ) -> FrameTables | None:
         """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
         Frames with gaps of thin cloud and opaque clouds, or with two layers with gaps at one height, are marched.
-        ``hits``: where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored;
-        ``nodes``: evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
+        ``hits``: where rays to the ground end, and rays past it; ``digest``: of air, planet and orders of scattering;
         ``accuracy``: error allowed, as a share of the bright limb.
         """
-        lights = _lights(view, batches, nodes, accuracy)
+        lights = [light for light in lights if any(batch is not None for batch in light.batches)]
         clouds = view.ground is not None and view.ground.model.clouds is not None
         if not lights or (view.gap_maps and (clouds or not all(light.gaps_apart for light in lights))):
             return None
@@ -242,22 +239,14 @@ class FrameTables:
         self, light: Light, plane: RayPlane, cloud_top_m: float | None = None, broken: BrokenAir | None = None
     ) -> RayTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
-        # rays that end on a map or a cloud know themselves by how much they have turned
-        bends = (
-            plane.to_ground
-            and self.view.ground is None
-            and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
-        )
         names = [self._key_of(other) for other in (light, *self._lights)]
-        key = self._key(
-            "sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m, broken is not None
-        )
+        key = self._key("sunlit air", names, self._bright.tolist(), plane.to_ground, cloud_top_m, broken is not None)
 
         def make() -> RayTable:
             if broken is not None:
                 return broken.table(self._bright)
             if cloud_top_m is None:
-                return sunlit_air(light, plane, self._bright, bends)
+                return sunlit_air(light, plane, self._bright)
             return cloudy_air(light, plane, self._bright, cloud_top_m)
 
         return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
@@ -272,26 +261,18 @@ class FrameTables:
         nodes = looked.light.batches[batch]
         assert nodes is not None
         first = radiance_packet(batch)
-        ends = rays.to_ground or hit is not None
-        bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
-        bends = bends and hit is None
         count, width = len(looked.light.batches), nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
-        bending: mi.Float64 | None
         if looked.broken is not None:
             o, d = self.view.origin, rays.direction
-            *parts, bending = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
+            parts = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
             found = [value for part in parts for value in part]
-            dr.eval(found, bending)
+            dr.eval(found)
         else:
-            packets = [first, first + 1]
-            packets += [bounce_packet(count, False, batch)] if apart else []
-            packets += [bending_packet(count)] if bends else []
+            packets = [first, first + 1, *([bounce_packet(count, batch)] if apart else [])]
             values = looked.table.look(looked.x, looked.azimuth, packets)
             lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
             found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
-            bending = values[-PACKET]
-        found += [bending] if bends and bending is not None else []
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)
@@ -305,10 +286,9 @@ class FrameTables:
             factors = self._local.factors(nodes, looked.light.direction, rays.direction, rays.to_ground, cloud)
             assert factors is not None
             radiance, reflected = with_ground(radiance, found[2 * width : 3 * width], factors.air), factors.sky
-        if not ends:
+        if not rays.to_ground and hit is None:
             return radiance, transmittance
-        bending = (found[-1] if bends else None) if hit is None else hit.bending
-        ground = self._ends(looked.light, nodes, rays, hit, bending, reflected)
+        ground = self._ends(looked.light, nodes, rays, hit, reflected)
         counts = mi.Bool(True) if hit is None else hit.ends
         lit = zip(radiance, ground, transmittance, strict=True)
         return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance
@@ -321,8 +301,8 @@ class FrameTables:
         first = radiance_packet(batch)
         packets = [first, first + 1]
         if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
-            packets.append(bounce_packet(len(looked.light.batches), False, batch))
-        each = packets_of(looked.light, bends=False)
+            packets.append(bounce_packet(len(looked.light.batches), batch))
+        each = packets_of(looked.light)
         values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, each, packets)
         kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
         for replaced, value in zip(found, kept, strict=True):
@@ -349,12 +329,8 @@ class FrameTables:
         # rays picked before and put back after the march, so that its kernel is the one that filled the table
         dr.eval(x, y, z)
         air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
-        dr.eval(air.radiance, air.bounce, air.transmittance, air.state[1])
-        exact = [*air.radiance, *air.transmittance, *air.bounce]
-        if len(found) > len(exact):
-            assert air.state[1] is not None
-            exact.append(air.state[1])
-        for value, replaced in zip(exact, found, strict=True):
+        dr.eval(air.radiance, air.bounce, air.transmittance)
+        for value, replaced in zip([*air.radiance, *air.transmittance, *air.bounce], found, strict=True):
             dr.scatter(replaced, value, index)
         dr.eval(found)
 
@@ -364,7 +340,6 @@ class FrameTables:
         nodes: SolarNodes | GlowNodes,
         rays: LitRays,
         hit: SurfaceHit | None,
-        bending: mi.Float64 | None,
         reflected: Values | None,
     ) -> Values:
         """Return the radiance of what is at the rays' ends."""
@@ -374,19 +349,8 @@ class FrameTables:
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
         bent = bent_ray(nodes, planet, path, o, d, light.direction)
+        if hit is None:
+            bending = ray_end(planet, self.view.bending, o, d, path.t_low + path.length_after).bending
+        else:
+            bending = hit.bending
         return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
-
-
-def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
-    """Return what shines in the air: Sun, Moon, and the air itself."""
-    glow = [b.glow for b in batches]
-    moonlit = view.moon is not None and view.moon.lights_earth
-    moon = [b.in_moonlight() if b.moonlight is not None and moonlit else None for b in batches]
-    solar: list[SolarNodes | None] = list(batches)
-    if view.sunless:
-        solar = [b if g is None and m is None else None for b, g, m in zip(batches, glow, moon, strict=True)]
-    lights = [Light("sun", solar, view.sun, view.top_m, nodes, accuracy)]
-    if view.moon is not None:
-        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes, accuracy))
-    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8), accuracy))
-    return [light for light in lights if any(b is not None for b in light.batches)]

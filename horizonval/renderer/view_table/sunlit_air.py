@@ -1,7 +1,7 @@
 r"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
 Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that,
-without what reflects at the rays' ends. With refraction the table also holds the bending angle at the rays' ends.
+without what reflects at the rays' ends.
 
 **Air before clouds**: radiance and transmittance from the camera to stations along rays.
 The stations lie between where a ray enters the layer of the cloud tops and where it leaves it or meets the ground. The
@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayAxis, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through
@@ -181,8 +181,8 @@ OF_A_KINK = 4.0
 kink, and divides it by sixteen where radiance is smooth."""
 FAINT = 0.01
 """A light that brightens no limb all round by this share of the accuracy is left out."""
-LEAST_TRANSMITTANCE, LEAST_BENDING_RAD = 0.1, 0.01
-"""Smaller ones may have their error."""
+LEAST_TRANSMITTANCE = 0.1
+"""Smaller ones may have its error."""
 SURVEY_ROWS, SURVEY_AZIMUTHS = 12, 24
 
 
@@ -259,6 +259,10 @@ class Light:
         """Return how many times the steps at the usual accuracy are taken: the march is of fourth order."""
         return (USUAL / self.accuracy) ** 0.25
 
+    def in_thirds(self, steps: int) -> int:
+        """Return as many steps as the accuracy needs in place of the usual ones, a multiple of three."""
+        return 3 * math.ceil(self.times_steps * steps / 3)
+
     def shines_everywhere(self, coordinates: RayCoordinates) -> bool:
         """Return whether the light is up wherever air is in sight, so that no shadow cuts a ray."""
         r, planet = float(np.linalg.norm(coordinates.origin)), coordinates.planet
@@ -322,25 +326,36 @@ class Light:
         )
 
 
+def lights_of(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
+    """Return what may shine in the air: Sun, Moon, and the air itself."""
+    glow = [b.glow for b in batches]
+    moonlit = view.moon is not None and view.moon.lights_earth
+    moon = [b.in_moonlight() if b.moonlight is not None and moonlit else None for b in batches]
+    solar: list[SolarNodes | None] = list(batches)
+    if view.sunless:
+        solar = [b if g is None and m is None else None for b, g, m in zip(batches, glow, moon, strict=True)]
+    lights = [Light("sun", solar, view.sun, view.top_m, nodes, accuracy)]
+    if view.moon is not None:
+        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes, accuracy))
+    # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
+    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8), accuracy))
+    return lights
+
+
 def radiance_packet(batch: int) -> int:
     """Return which packet of a table holds the radiances of a batch; the transmittances are in the next."""
     return 2 * batch
 
 
-def bending_packet(batches: int) -> int:
-    """Return which packet holds the bending angle."""
-    return 2 * batches
-
-
-def bounce_packet(batches: int, bends: bool, batch: int) -> int:
+def bounce_packet(batches: int, batch: int) -> int:
     """Return which packet holds what a ground of reflected flux 1 adds to the radiances of a batch."""
-    return 2 * batches + bends + batch
+    return 2 * batches + batch
 
 
-def packets_of(light: Light, bends: bool) -> int:
+def packets_of(light: Light) -> int:
     """Return how many packets a table has."""
     count = len(light.batches)
-    return bounce_packet(count, bends, count if light.over_varied_ground else 0)
+    return bounce_packet(count, count if light.over_varied_ground else 0)
 
 
 def limb_plane(light: Light, planet: Planet, origin: FloatArray) -> RayPlane:
@@ -358,7 +373,7 @@ def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> 
     turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
     for number, light in enumerate(lights):
-        found = _marched(light, limb_plane(light, planet, origin), x.ravel(), azimuth.ravel(), bends=False)
+        found = _marched(light, limb_plane(light, planet, origin), x.ravel(), azimuth.ravel())
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
             rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
@@ -379,50 +394,45 @@ def brightest_air(lights: Sequence[Light], planet: Planet, origin: FloatArray, d
     return total
 
 
-def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
+def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return the quantities of a table at places."""
     d = vectors(plane.directions(x, azimuth))
     o = vectors(plane.coordinates.origin[None, :])
     count = len(light.batches)
-    out = np.zeros((len(x), PACKET * packets_of(light, bends)))
+    out = np.zeros((len(x), PACKET * packets_of(light)))
     for k, batch in enumerate(light.batches):
         if batch is None:
             continue
         air = light.march(batch, plane.coordinates, o, d, plane.to_ground)
-        bending = air.state[1]
-        dr.eval(air.radiance, air.bounce, air.transmittance, bending)
+        dr.eval(air.radiance, air.bounce, air.transmittance)
         first = PACKET * radiance_packet(k)
         for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
             out[:, first + n] = np.asarray(radiance)
             out[:, first + PACKET + n] = np.asarray(transmittance)
         for n, bounce in enumerate(air.bounce):
-            out[:, PACKET * bounce_packet(count, bends, k) + n] = np.asarray(bounce)
-        if bends and bending is not None:
-            out[:, PACKET * bending_packet(count)] = np.asarray(bending)
+            out[:, PACKET * bounce_packet(count, k) + n] = np.asarray(bounce)
     return out
 
 
-def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray, bends: bool) -> RayTable:
-    """Return an empty table of a light's air over a plane of rays. ``bends``: whether to keep the bending angle."""
+def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray) -> RayTable:
+    """Return an empty table of a light's air over a plane of rays."""
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        return _marched(light, plane, x, azimuth, bends)
+        return _marched(light, plane, x, azimuth)
 
-    return air_table(light, values, *_scales(light, bright, bends))
+    return air_table(light, values, *_scales(light, bright))
 
 
-def _scales(light: Light, bright: FloatArray, bends: bool) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _scales(light: Light, bright: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the arguments of :func:`air_table`; ``bright``: radiance of the bright limb, (batches * 4,)."""
-    packets, count = packets_of(light, bends), len(light.batches)
+    packets, count = packets_of(light), len(light.batches)
     scale, own = np.zeros((packets, PACKET)), np.zeros((packets, PACKET), dtype=bool)
     for k in range(count):
         of_batch = bright[PACKET * k : PACKET * (k + 1)]
         scale[radiance_packet(k)] = of_batch
         if light.over_varied_ground:
-            scale[bounce_packet(count, bends, k)] = of_batch
+            scale[bounce_packet(count, k)] = of_batch
     scale[1 : 2 * count : 2], own[1 : 2 * count : 2] = LEAST_TRANSMITTANCE, True
-    if bends:
-        scale[bending_packet(count)], own[bending_packet(count)] = LEAST_BENDING_RAD, True
     return scale.ravel(), own.ravel()
 
 
@@ -464,37 +474,44 @@ def stations_along(
     light: Light, coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top_m: float
 ) -> SunlitStations:
     """Return the stations along rays before clouds whose highest top is at ``top_m``."""
-    planet, highest = coordinates.planet, top_m + ABOVE_TOPS_M
+    highest = top_m + ABOVE_TOPS_M
     levels = sorted((edge for edge in light.edges_m if 0.0 < edge < highest), reverse=True)
-    first, last = way_through(planet, o, d, constant(highest), to_ground)
-    down: list[mi.Float64] = []
-    up: list[mi.Float64] = []
-    for level in levels:
-        mid, half, _ = planet.chord(o, d, constant(level))
-        down.append(mid - half)
-        up.insert(0, mid + half)
-    cuts = [first]
-    for t in [*down, *([] if to_ground else up)]:
-        cuts.append(dr.clip(t, cuts[-1], last))
     heights = [highest, *levels, 0.0]
-    numbers = _numbers(heights, to_ground)
-    shadow = not light.shines_everywhere(coordinates)
-    before = 3 * math.ceil(light.times_steps * STEPS_BEFORE * (IN_SHADOW_BEFORE if shadow else 1) / 3)
-    inside = (light.in_layer(0.5 * sum(ends)) for ends in pairwise(heights))
-    steps = 3 * math.ceil(light.times_steps * STEPS / 3)
-    each = [(2 if layer else 1) * steps for layer in inside]
+    each = [(2 if light.in_layer(0.5 * sum(ends)) else 1) * STEPS for ends in pairwise(heights)]
     if not to_ground:
         each += each[-2::-1]
-    taken = [0, *accumulate(n * (end - begin) for n, (begin, end) in zip(each, pairwise(numbers), strict=True))]
-    return SunlitStations(
-        (*cuts, last),
-        tuple(constant(n) for n in numbers),
-        tuple(constant(n) for n in taken),
-        numbers[-1] + 1,
-        taken[-1],
-        before,
-        shadow,
+    way = way_through(coordinates.planet, o, d, constant(highest), to_ground)
+    return stations_between(
+        light, coordinates, o, d, way, levels, [] if to_ground else levels[::-1], _numbers(heights, to_ground), each
     )
+
+
+def stations_between(
+    light: Light,
+    coordinates: RayCoordinates,
+    o: Vec,
+    d: Vec,
+    way: tuple[mi.Float64, mi.Float64],
+    down_m: Sequence[float],
+    up_m: Sequence[float],
+    numbers: Sequence[int],
+    steps: Sequence[int],
+) -> SunlitStations:
+    """Return stations from the beginning to the end of a way, cut where rays cross heights downwards and upwards.
+
+    ``numbers``: stations at the cuts; ``steps``: of the march between two stations of each piece, at the usual
+    accuracy.
+    """
+    cuts, last = [way[0]], way[1]
+    for level, sign in [*((level, -1.0) for level in down_m), *((level, 1.0) for level in up_m)]:
+        mid, half, _ = coordinates.planet.chord(o, d, constant(level))
+        cuts.append(dr.clip(dr.fma(half, sign, mid), cuts[-1], last))
+    shadow = not light.shines_everywhere(coordinates)
+    before = light.in_thirds(STEPS_BEFORE * (IN_SHADOW_BEFORE if shadow else 1))
+    each = (light.in_thirds(n) * (end - begin) for n, (begin, end) in zip(steps, pairwise(numbers), strict=True))
+    taken = [0, *accumulate(each)]
+    places = tuple(constant(n) for n in numbers), tuple(constant(n) for n in taken)
+    return SunlitStations((*cuts, last), *places, numbers[-1] + 1, taken[-1], before, shadow)
 
 
 def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
@@ -518,7 +535,7 @@ def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) 
     """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
     coordinates, to_ground = plane.coordinates, plane.to_ground
     o = vectors(coordinates.origin[None, :])
-    packets, count = packets_of(light, bends=False), len(light.batches)
+    packets, count = packets_of(light), len(light.batches)
     one = vectors(plane.directions(np.zeros(1), np.zeros(1)))
     stations_a_ray = stations_along(light, coordinates, o, one, to_ground, top_m).count
 
@@ -540,10 +557,10 @@ def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) 
             out[:, :, 2 * k + 1, : batch.width] = np.moveaxis(through, 0, -1)
             if len(bounce):
                 summed = np.moveaxis(np.cumsum(before * bounce, axis=-1), 0, -1)
-                out[:, :, bounce_packet(count, False, k), : batch.width] = summed
+                out[:, :, bounce_packet(count, k), : batch.width] = summed
         return out.reshape(len(x), -1)
 
-    scale, own = _scales(light, bright, bends=False)
+    scale, own = _scales(light, bright)
     return air_table(light, values, np.tile(scale, stations_a_ray), np.tile(own, stations_a_ray), single=True)
 
 
