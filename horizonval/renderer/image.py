@@ -173,7 +173,7 @@ def node_parts(
         factors = None
         if isinstance(lit, SolarNodes) and lit.bounce is not None:
             cloud = None if hit is None else (hit.cloud, hit.t)
-            local = LocalLight.of(view).factors(lit, light.direction, direction, to_ground, cloud)
+            local = LocalLight(view).factors(lit, light.direction, direction, to_ground, cloud)
             factors = None if local is None else (local.air, local.sky)
         return march(
             view.planet,

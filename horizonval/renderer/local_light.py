@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
@@ -45,7 +44,6 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.digests import content_digest
 from horizonval.earth.surface import surface
 from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates
@@ -53,7 +51,6 @@ from horizonval.renderer.kernel.node_batches import Bounce, Place, SolarNodes
 from horizonval.renderer.kernel.surface import Ground, shares_from_above
 from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, along, dot, find_path, warp
 from horizonval.renderer.scattering.source_table import LEVELS_M, WAVE_NUMBERS_PER_M, HorizontalTransfer
-from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import gather_row, table_of, vectors
 from horizonval.renderer.types import Values, Vec, Vec3, constant, constant_vector
 from horizonval.renderer.view_table.ray_table import Knots, RayTable
@@ -82,7 +79,7 @@ class GroundLight:
     width: int
 
     @property
-    def size_bytes(self) -> int:
+    def nbytes(self) -> int:
         """Return the memory of the maps."""
         return 4 * (len(LEVELS_M) + 1) * SIDE * SIDE * self.width
 
@@ -134,7 +131,7 @@ class GroundCells:
     cell_m: float
 
     @property
-    def size_bytes(self) -> int:
+    def nbytes(self) -> int:
         """Return the memory of the shares."""
         return 4 * SIDE * SIDE * len(self.shares)
 
@@ -330,15 +327,9 @@ class GroundFactors:
 
 @dataclass(frozen=True)
 class LocalLight:
-    """The local light of a frame's rays; ``origin``: the camera [m]."""
+    """The local light of a frame's rays."""
 
     view: FrameGeometry
-    origin: FloatArray
-
-    @classmethod
-    def of(cls, view: FrameGeometry) -> LocalLight:
-        """Build for a frame."""
-        return cls(view, np.array([float(c[0]) for c in view.origin]))
 
     def factors(
         self,
@@ -355,7 +346,7 @@ class LocalLight:
         if batch.bounce is None:
             return None
         view = self.view
-        coordinates = RayCoordinates.of(view.planet, self.origin, view.top_m)
+        coordinates = view.coordinates(view.top_m)
         axis = coordinates.ground if to_ground else coordinates.limb
         place, azimuth = coordinates.place(view.origin, direction, to_ground)
         table = self._rays(batch, coordinates, light, to_ground)
@@ -367,37 +358,26 @@ class LocalLight:
         sky = [mi.Float64(v) for v in self._ground(batch).in_sky(normal)]
         return GroundFactors(air, sky)
 
-    @cached_property
-    def _place(self) -> str:
-        """Digest of the ground and the position."""
-        assert self.view.ground is not None
-        planet = self.view.planet.a_m, self.view.planet.b_m
-        return content_digest(self.view.ground.model, planet, tuple(float(v) for v in self.origin), mi.variant())
-
-    def _key(self, name: str, *more: object) -> str:
-        return content_digest(name, self._place, *more)
-
     def _ground(self, batch: SolarNodes) -> GroundLight:
-        bounce, ground = batch.bounce, self.view.ground
+        bounce, ground, position = batch.bounce, self.view.ground, self.view.position
         assert bounce is not None
         assert ground is not None
 
         def look() -> GroundCells:
-            return ground_cells(ground, self.view.planet, self.origin)
+            return ground_cells(ground, self.view.planet, np.array(position.place_m))
 
         def make() -> GroundLight:
-            cells = TABLES.get_or_make(self._key("ground cells"), look, lambda table: table.size_bytes)
-            return ground_light(cells, bounce)
+            return ground_light(position.table(look, "ground cells", ground.model), bounce)
 
-        return TABLES.get_or_make(
-            self._key("ground light", bounce.digest, bounce.width), make, lambda table: table.size_bytes
-        )
+        return position.table(make, "ground light", ground.model, bounce.digest, bounce.width)
 
     def _rays(self, batch: SolarNodes, coordinates: RayCoordinates, light: Vec, to_ground: bool) -> RayTable:
-        def make() -> RayTable:
-            return ray_factors(batch, coordinates, self._ground(batch), light, self.view.top_m, to_ground)
-
         assert batch.bounce is not None
-        sun = tuple(float(c[0]) for c in light)
-        key = self._key("ray factors", batch.bounce.digest, batch.width, sun, self.view.top_m, to_ground)
-        return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
+        assert self.view.ground is not None
+        sun, top_m = tuple(float(c[0]) for c in light), self.view.top_m
+        key = self.view.ground.model, batch.bounce.digest, batch.width, sun, top_m, to_ground
+
+        def make() -> RayTable:
+            return ray_factors(batch, coordinates, self._ground(batch), light, top_m, to_ground)
+
+        return self.view.position.table(make, "ray factors", *key)

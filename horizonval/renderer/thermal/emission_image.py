@@ -96,8 +96,7 @@ class ThermalFrame:
         accuracy: float,
     ) -> ThermalFrame:
         """Look where all rays end; ``airs``: of all bands, with the same layers of thin cloud."""
-        origin = np.array([float(c[0]) for c in view.origin])
-        coordinates = RayCoordinates.of(view.planet, origin, airs[0].top_m)
+        coordinates = view.coordinates(airs[0].top_m)
         clouds = view.ground.model.clouds if view.ground is not None else None
         layer_m = None if clouds is None else clouds.top_m + ABOVE_TOPS_M
 
@@ -129,7 +128,7 @@ class ThermalFrame:
         """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
         nodes = nodes_for(self.nodes, self.accuracy)
-        band = ThermalView(air, self.coordinates, nodes, self.accuracy, self.layer_m)
+        band = ThermalView(air, self.view.position, self.coordinates, nodes, self.accuracy, self.layer_m)
         clear = self._marched(air) if self.view.gap_maps else self._looked_up(band)
         if self.ground is not None:
             radiance = mixed(clear(self.ground), air.kinds, self.ground.ends)

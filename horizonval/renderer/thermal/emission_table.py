@@ -61,8 +61,8 @@ from horizonval.earth.surface.ground_emission import (
 from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.planet import Planet, along, dot, way_through
+from horizonval.renderer.position import Position
 from horizonval.renderer.refraction import ApparentRadiusAir
-from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_march import AirColumns, ColumnBatch, Stations, march_emission
 from horizonval.renderer.types import Number, Vec
@@ -219,9 +219,7 @@ class ThermalAir:
         columns = AirColumns.of(band, air, gaps)
         refraction = None if air is None else (air.height_m, air.dr_dx, columns.altitude_m)
         # what clouds emit is not tabulated, and a name says nothing
-        digest = content_digest(
-            replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction, mi.variant()
-        )
+        digest = content_digest(replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction)
         batches = list(columns.batches(single=True))
         return cls(band, emission, columns.top_m, batches, GroundSource(band, emission), digest)
 
@@ -296,6 +294,7 @@ class ThermalView:
     """
 
     air: ThermalAir
+    position: Position
     coordinates: RayCoordinates
     nodes: int
     accuracy: float
@@ -330,12 +329,8 @@ class ThermalView:
         self, name: str, values: NodeValues, quantities: int, to_ground: bool, *, single: bool = False
     ) -> RayTable:
         knots = knots_for(self.coordinates, self.air.band, self.accuracy, to_ground)
-        key = content_digest("thermal", name, to_ground, self.air.digest, self.coordinates, knots, self.nodes)
-
-        def empty() -> RayTable:
-            return RayTable(values, quantities, knots, single=single)
-
-        return TABLES.get_or_make(key, empty, lambda table: table.size_bytes)
+        key = "thermal", name, to_ground, self.air.digest, self.coordinates.limb, knots, self.nodes
+        return self.position.table(lambda: RayTable(values, quantities, knots, single=single), *key)
 
     def _rays(self, x: FloatArray, azimuth: FloatArray, to_ground: bool) -> tuple[Vec, FloatArray]:
         """Return the camera and the directions of nodes."""

@@ -7,7 +7,7 @@ the table's transmittance. Rays that end on a cloud have separate tables. The fe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
@@ -17,7 +17,6 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.kernel.march import with_ground
@@ -26,8 +25,8 @@ from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
+from horizonval.renderer.position import Table
 from horizonval.renderer.refraction import ray_end
-from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
@@ -101,9 +100,8 @@ class FrameTables:
         self.view, self.digest, self.accuracy = view, digest, accuracy
         self.ground: LitRays | None = None
         self.limb: LitRays | None = None
-        self._origin = np.array([float(c[0]) for c in view.origin])
         self._lights = list(lights)
-        self._local = LocalLight.of(view)
+        self._local = LocalLight(view)
         self._bright = self._bright_limb(cells)
         clouds = None if view.ground is None else view.ground.model.clouds
         self._cloud_top_m = None if clouds is None else clouds.top_m
@@ -142,7 +140,7 @@ class FrameTables:
         if hit is not None and self._cloud_top_m is not None:
             clouded = indices_where(hit.cloud)
         for light in self._lights:
-            coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
+            coordinates = self.view.coordinates(light.top_m)
             last_m, top_m = light.air_ends_m
             plane = RayPlane.of(coordinates, to_ground, {*light.edges_m, last_m}, top_m)
             x, azimuth = plane.place(self.view.origin, direction)
@@ -192,10 +190,8 @@ class FrameTables:
         before the ground. In steps of a factor of four below the brightest all round, so that frames from one position
         share tables.
         """
-        planet, origin = self.view.planet, self._origin
-        key = self._key("bright limb", [self._key_of(light) for light in self._lights])
-        lights = self._lights
-        each = TABLES.get_or_make(key, lambda: bright_limb(lights, planet, origin), lambda table: table.nbytes)
+        view, lights = self.view, self._lights
+        each = self._kept(lambda: bright_limb(lights, view), "bright limb", [self._key_of(light) for light in lights])
         around = np.maximum(each.sum(axis=0), 1e-30)
         bright = self._brightest_in_frame(cells, around)
         shares = (each[:, 0].max(axis=1) / bright).max(axis=1)
@@ -207,9 +203,7 @@ class FrameTables:
         brightest = around[0].max(axis=0)
         if cells.limb.count:
             rows, sectors = around.shape[:2]
-            x, azimuth = limb_plane(self._lights[0], self.view.planet, self._origin).place(
-                self.view.origin, cells.limb.direction
-            )
+            x, azimuth = limb_plane(self._lights[0], self.view).place(self.view.origin, cells.limb.direction)
             sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * sectors) + (sectors + 0.5))) % sectors
             seen = dr.zeros(mi.UInt32, sectors)
             dr.scatter(seen, mi.UInt32(1), sector)
@@ -219,16 +213,15 @@ class FrameTables:
             some = table_of(mi.Float64, np.linspace(0.0, cells.ground.count - 1.0, GROUND_SAMPLES))
             x, y, z = (dr.gather(mi.Float64, c, mi.UInt32(some)) for c in cells.ground.direction)
             dr.eval(x, y, z)
-            found = brightest_air(self._lights, self.view.planet, self._origin, (x, y, z))
+            found = brightest_air(self._lights, self.view, (x, y, z))
         else:
             # A camera that sees only space.
             return np.asarray(brightest)
         found = np.maximum(found, DARKEST * brightest)
         return np.asarray(brightest * 4.0 ** np.floor(np.log(found / brightest) / math.log(4.0)))
 
-    def _key(self, name: str, *more: object) -> str:
-        origin = tuple(float(v) for v in self._origin)
-        return content_digest(name, self.digest, self.accuracy, origin, mi.variant(), *more)
+    def _kept(self, make: Callable[[], Table], *key: object) -> Table:
+        return self.view.position.table(make, self.digest, self.accuracy, *key)
 
     @staticmethod
     def _key_of(light: Light) -> tuple[object, ...]:
@@ -240,7 +233,7 @@ class FrameTables:
     ) -> RayTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
         names = [self._key_of(other) for other in (light, *self._lights)]
-        key = self._key("sunlit air", names, self._bright.tolist(), plane.to_ground, cloud_top_m, broken is not None)
+        key = names, self._bright.tolist(), plane.to_ground, cloud_top_m, broken is not None
 
         def make() -> RayTable:
             if broken is not None:
@@ -249,7 +242,7 @@ class FrameTables:
                 return sunlit_air(light, plane, self._bright)
             return cloudy_air(light, plane, self._bright, cloud_top_m)
 
-        return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
+        return self._kept(make, "sunlit air", *key)
 
     def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
         """Return radiance and transmittance of every node of a batch along rays under the light ``name``.

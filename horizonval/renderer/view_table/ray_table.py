@@ -238,7 +238,7 @@ class RayTable:
         self._index: mi.UInt32 | None = None
 
     @property
-    def size_bytes(self) -> int:
+    def nbytes(self) -> int:
         """Return the memory of the table."""
         each = COEFFICIENTS * COEFFICIENTS * self._quantities * self._dtype.itemsize
         return 2 * self._leaves.nbytes + self.patches * each

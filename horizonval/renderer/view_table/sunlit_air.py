@@ -43,7 +43,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayAxis, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
 from horizonval.renderer.view_table.ray_table import HALVED, PACKET, RayTable
@@ -358,12 +358,12 @@ def packets_of(light: Light) -> int:
     return bounce_packet(count, count if light.over_varied_ground else 0)
 
 
-def limb_plane(light: Light, planet: Planet, origin: FloatArray) -> RayPlane:
+def limb_plane(light: Light, view: FrameGeometry) -> RayPlane:
     """Return the plane of the survey of the limb."""
-    return RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
+    return RayPlane.of(view.coordinates(light.top_m), False, (), light.top_m)
 
 
-def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
+def bright_limb(lights: Sequence[Light], view: FrameGeometry) -> FloatArray:
     """Return the radiance of the limb in every light, shape (lights, rows, azimuths, batches * 4).
 
     Of each row the largest from there on upwards.
@@ -373,7 +373,7 @@ def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> 
     turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
     for number, light in enumerate(lights):
-        found = _marched(light, limb_plane(light, planet, origin), x.ravel(), azimuth.ravel())
+        found = _marched(light, limb_plane(light, view), x.ravel(), azimuth.ravel())
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
             rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
@@ -381,14 +381,14 @@ def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> 
     return brightest
 
 
-def brightest_air(lights: Sequence[Light], planet: Planet, origin: FloatArray, d: Vec) -> FloatArray:
+def brightest_air(lights: Sequence[Light], view: FrameGeometry, d: Vec) -> FloatArray:
     """Return the largest radiance of the air along rays to the ground, in all lights together, (batches * 4,)."""
     total = np.zeros(PACKET * len(lights[0].batches))
     for light in lights:
-        coordinates = RayCoordinates.of(planet, origin, light.top_m)
+        coordinates = view.coordinates(light.top_m)
         for k, batch in enumerate(light.batches):
             if batch is not None:
-                air = light.march(batch, coordinates, vectors(origin[None, :]), d, True)
+                air = light.march(batch, coordinates, view.origin, d, True)
                 dr.eval(air.radiance)
                 total[PACKET * k : PACKET * k + batch.width] += [float(np.max(np.asarray(v))) for v in air.radiance]
     return total

@@ -33,13 +33,15 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 def _view(air: OpticalModel, origin: FloatArray, nodes: int = 256, layer_m: float | None = None) -> Any:
     from horizonval.renderer.kernel.frame_geometry import RayCoordinates
     from horizonval.renderer.planet import Planet
+    from horizonval.renderer.position import Position
     from horizonval.renderer.thermal.emission_table import ThermalAir, ThermalView
 
     b = air.thermal[0]
     assert air.emission is not None
     thermal = ThermalAir.of(b, air.emission)
-    coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
-    return ThermalView(thermal, coordinates, nodes, 1e-3, layer_m)
+    planet = Planet(WGS84.a_m, WGS84.b_m)
+    coordinates = RayCoordinates.of(planet, origin, thermal.top_m)
+    return ThermalView(thermal, Position(planet, tuple(origin.tolist())), coordinates, nodes, 1e-3, layer_m)
 
 
 def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
