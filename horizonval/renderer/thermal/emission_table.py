@@ -181,16 +181,16 @@ TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
 USUAL_ACCURACY = 1e-3
 """Share of the bright limb for which the numbers below are."""
-LIMB_PATCHES, GROUND_PATCHES = 20, 8
+LIMB_PATCHES, GROUND_PATCHES = 14, 5
 """Patches along rows."""
 CROWDED_PATCHES = 64
 """The same of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
 STEP_SHARE = 0.75
 """Evaluations along rays of tables, as a share of those that a scene asks for."""
-PATCHES_PER_RAD, FEWEST_PATCHES = 6.0, 3
+PATCHES_PER_RAD, FEWEST_PATCHES = 4.0, 2
 """Patches over half a circle for each radian from the point below the camera to its horizon: the wider the circle, the
 more air. One is enough where the air is the same everywhere."""
-ON_A_MAP = 4
+ON_A_MAP = 6
 """Times the patches of half a circle, all round through columns on a map, at each of which the air bends."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
