@@ -1,7 +1,7 @@
 """The view tables of a frame, and the radiance of rays from them.
 
 A ray's radiance is that of the air before its end, from a table, and that of its end, which is computed ray by ray with
-the table's transmittance. Rays that end on a cloud have separate tables. The few in rough patches are marched.
+the table's transmittance. Rays that end on a cloud have separate tables.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
-from operator import or_
 
 import drjit as dr
 import mitsuba as mi
@@ -18,7 +16,6 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
-from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
@@ -67,14 +64,12 @@ class _Cloudy:
 
 @dataclass(frozen=True)
 class _Looked:
-    """A light as a group of rays sees it: its table, the rays' places in it, and which rays must be marched."""
+    """A light as a group of rays sees it: its table, and the rays' places in it."""
 
     light: Light
-    coordinates: RayCoordinates
     table: RayTable
     x: mi.Float64
     azimuth: mi.Float64
-    marched: mi.UInt32
     cloudy: _Cloudy | None
     broken: BrokenAir | None
 
@@ -148,18 +143,11 @@ class FrameTables:
             broken = BrokenAir(light, plane, self.view.gap_maps) if self.view.gap_maps else None
             table = self._table(light, plane, broken=broken)
             table.cover(x, azimuth)
-            rough = [] if (mask := table.rough(x, azimuth)) is None else [mask]
             cloudy = None
             if dr.width(clouded):
                 assert hit is not None
-                rough = [mask & ~hit.cloud for mask in rough]
                 cloudy = self._cloudy(light, plane, clouded, (x, azimuth), direction, hit)
-                if (mask := cloudy.table.rough(cloudy.x, cloudy.azimuth)) is not None:
-                    beside = dr.zeros(mi.Bool, dr.width(x))
-                    dr.scatter(beside, mask, clouded)
-                    rough.append(beside)
-            marched = indices_where(reduce(or_, rough)) if rough else mi.UInt32()
-            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched, cloudy, broken)
+            looked[light.name] = _Looked(light, table, x, azimuth, cloudy, broken)
         return LitRays(direction, to_ground, looked)
 
     def _cloudy(
@@ -269,9 +257,6 @@ class FrameTables:
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)
-        if dr.width(looked.marched):
-            dr.eval(found)
-            self._march(looked, nodes, rays, hit, found)
         radiance, transmittance = found[:width], found[width : 2 * width]
         reflected = None
         if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
@@ -300,31 +285,6 @@ class FrameTables:
         kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
         for replaced, value in zip(found, kept, strict=True):
             dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
-        dr.eval(found)
-
-    def _march(
-        self,
-        looked: _Looked,
-        nodes: SolarNodes | GlowNodes,
-        rays: LitRays,
-        hit: SurfaceHit | None,
-        found: list[mi.Float64],
-    ) -> None:
-        """Put marched values in the place of those of some rays."""
-        index = looked.marched
-        if dr.width(index) == 1:
-            # twice: Dr.Jit compiles a kernel of its own for a lone ray
-            index = dr.opaque(mi.UInt32, int(index[0]), 2)
-        x, y, z = (dr.gather(mi.Float64, c, index) for c in rays.direction)
-        cloud = None
-        if hit is not None:
-            cloud = dr.gather(mi.Bool, hit.cloud, index), dr.gather(mi.Float64, hit.t, index)
-        # rays picked before and put back after the march, so that its kernel is the one that filled the table
-        dr.eval(x, y, z)
-        air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
-        dr.eval(air.radiance, air.bounce, air.transmittance)
-        for value, replaced in zip([*air.radiance, *air.transmittance, *air.bounce], found, strict=True):
-            dr.scatter(replaced, value, index)
         dr.eval(found)
 
     def _ends(

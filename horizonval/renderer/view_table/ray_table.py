@@ -7,8 +7,7 @@ the knots are:
 - halved: a patch is fine enough if the splines through every second of its nodes, along rows and along azimuths,
   predict the others within the tolerance. Where the function is smooth the spline through all nodes is then better by a
   factor of 16, where it has a kink by a factor of 2. Otherwise the patch is halved along the axis that needs it. Kinks
-  that run along rows, at the top of the air and at the edges of layers, get narrower patches. Patches that are too
-  coarse even at the smallest size, on lines where the function jumps, are rough: their rays are marched.
+  that run along rows, at the top of the air and at the edges of layers, get narrower patches.
 
 Patches are made when rays first fall into them; their values and divisions do not depend on earlier frames.
 
@@ -129,8 +128,7 @@ MOST_VALUES = 4_000_000
 _BLOCK = 64
 """Nodes are marched by multiples of this, so that NumPy's loops have no remainders, which may round otherwise."""
 _LEVEL_BITS = 3
-_ROUGH = 1 << (2 * _LEVEL_BITS)
-_NUMBER_SHIFT = 2 * _LEVEL_BITS + 1
+_NUMBER_SHIFT = 2 * _LEVEL_BITS
 _NOT_MADE = np.uint32(0xFFFFFFFF)
 _Patches: TypeAlias = "dict[tuple[int, int], NDArray[np.int64]]"
 """Patches by how often they are halved along rows and azimuths: their numbers along both, shape (n, 2)."""
@@ -233,7 +231,6 @@ class RayTable:
         self._known = self._nothing_known()
         self._halved_nodes: list[tuple[NDArray[np.int64], FloatArray]] = []
         self._leaves = np.full(knots.finest, _NOT_MADE, dtype=np.uint32)
-        self._any_rough = False
         self._pool: Any = None
         self._index: mi.UInt32 | None = None
 
@@ -289,7 +286,7 @@ class RayTable:
             finest = (self.knots.halved if size[1] else self.knots.rows_halved, self.knots.halved)
             coarse = np.stack([(e > 1.0) & (n < f) for e, n, f in zip(error, size, finest, strict=True)], axis=1)
             last = ~coarse.any(axis=1)
-            self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)
+            self._keep(patches[last], size, known[last])
             keys = self.knots.node_keys(patches[~last], size)
             self._halved_nodes.append((keys, known[~last].reshape(-1, self._quantities)))
             for patch, axes in zip(patches[~last], coarse[~last], strict=True):
@@ -339,27 +336,16 @@ class RayTable:
             values[new] = np.pad(made[: len(wanted)], ((0, 0), (0, self._quantities - made.shape[1])))
         return values[back.ravel()].reshape(-1, NODES, NODES, self._quantities)
 
-    def _keep(
-        self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray, rough: NDArray[np.bool_]
-    ) -> None:
+    def _keep(self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray) -> None:
         if not len(patches):
             return
         first, halved = self.patches, (self.knots.rows_halved, self.knots.halved)
         rows, columns = (1 << (most - n) for most, n in zip(halved, size, strict=True))
         for k, (i, j) in enumerate(patches):
-            leaf = np.uint32((first + k) << _NUMBER_SHIFT | _ROUGH * int(rough[k]) | size[0] << _LEVEL_BITS | size[1])
+            leaf = np.uint32((first + k) << _NUMBER_SHIFT | size[0] << _LEVEL_BITS | size[1])
             self._leaves[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] = leaf
-        self._any_rough |= bool(rough.any())
         self.patches += len(values)
         self._new.append(coefficients_of(values).astype(self._dtype))
-
-    def _leaf(self, x: mi.Float64, azimuth: mi.Float64) -> mi.UInt32:
-        assert self._index is not None
-        return dr.gather(mi.UInt32, self._index, self.knots.smallest_at(x, azimuth))
-
-    def rough(self, x: mi.Float64, azimuth: mi.Float64) -> mi.Bool | None:
-        """Return whether places in patches that are made lie in one that misses the tolerance; None: nowhere."""
-        return (self._leaf(x, azimuth) & _ROUGH) != 0 if self._any_rough else None
 
     def covered(self, x: mi.Float64, azimuth: mi.Float64) -> Values:
         """Return all quantities at places, whose patches are made."""
@@ -369,7 +355,8 @@ class RayTable:
     def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int | mi.UInt32]) -> Values:
         """Return the quantities of some packets at places in patches that are made (:meth:`cover`)."""
         assert self._pool is not None
-        leaf = self._leaf(x, azimuth)
+        assert self._index is not None
+        leaf = dr.gather(mi.UInt32, self._index, self.knots.smallest_at(x, azimuth))
         halvings = (1 << _LEVEL_BITS) - 1
         row, column = self.knots.place(x, azimuth)
         rows, columns = (dr.opaque(mi.UInt32, n, 1) for n in (self.knots.rows, self.knots.azimuths))

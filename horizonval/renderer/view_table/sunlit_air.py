@@ -280,7 +280,6 @@ class Light:
         o: Vec,
         d: Vec,
         to_ground: bool,
-        cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
         lit = self.shines_everywhere(coordinates)
@@ -295,7 +294,6 @@ class Light:
             mi.Bool(to_ground),
             round(more * self.times_steps * self.nodes),
             SOLAR_CONCENTRATION,
-            cloud,
             steady=True,
             lit=lit,
         )

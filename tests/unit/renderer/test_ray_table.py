@@ -54,7 +54,6 @@ def test_a_smooth_function_is_less_than_a_tenth_of_the_tolerance_off() -> None:
     table = _table(_smooth)
     x, azimuth = _draws(20_000)
     assert np.abs(_looked(table, x, azimuth)[:, 0] / _smooth(x, azimuth) - 1.0).max() < TOLERANCE / 10.0
-    assert table.rough(mi.Float64(x), mi.Float64(azimuth)) is None
 
 
 def test_a_kink_is_within_the_tolerance_in_small_patches() -> None:
@@ -68,17 +67,6 @@ def _patches_of(function, count: int = 2000) -> int:
     table = _table(function)
     _looked(table, *_draws(count))
     return table.patches
-
-
-def test_rays_beside_a_jump_are_marked_and_only_those() -> None:
-    table = _table(_jumping)
-    x, azimuth = _draws(20_000)
-    off = np.abs(_looked(table, x, azimuth)[:, 0] / _jumping(x, azimuth) - 1.0) > TOLERANCE
-    mask = table.rough(mi.Float64(x), mi.Float64(azimuth))
-    assert mask is not None
-    rough = np.array(mask)
-    assert not np.any(off & ~rough)
-    assert rough.mean() < 0.05
 
 
 def test_edges_of_the_axes_belong_to_the_outermost_patches() -> None:
