@@ -46,14 +46,14 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.surface import surface
 from horizonval.geometry.rotation import perpendicular
-from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.node_batches import Bounce, Place, SolarNodes
 from horizonval.renderer.kernel.surface import Ground, shares_from_above
 from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, along, dot, find_path, warp
 from horizonval.renderer.scattering.source_table import LEVELS_M, WAVE_NUMBERS_PER_M, HorizontalTransfer
-from horizonval.renderer.tables import gather_row, table_of, vectors
+from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values, Vec, Vec3, constant, constant_vector
-from horizonval.renderer.view_table.ray_table import Knots, RayTable
+from horizonval.renderer.view_table.ray_table import Knots, RayPlane, RayTable
 
 SIDE = 640
 SAMPLES = 2
@@ -257,31 +257,20 @@ Beside borders of squares of 50 and 100 km the radiance differs from Monte Carlo
 _NO_LIGHT = 1e-60
 
 
-def ray_factors(
-    batch: SolarNodes, coordinates: RayCoordinates, ground: GroundLight, light: Vec, top_m: float, to_ground: bool
-) -> RayTable:
-    """Return the empty table of q of a batch, for the rays to the ground or for those past it."""
-    axis = coordinates.ground if to_ground else coordinates.limb
+def ray_factors(batch: SolarNodes, plane: RayPlane, ground: GroundLight, light: Vec, top_m: float) -> RayTable:
+    """Return the empty table of q of a batch over a plane of rays."""
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
-        return _factors(batch, coordinates, ground, light, top_m, to_ground, d)
+        return _factors(batch, plane, ground, light, top_m, plane.directions(x, azimuth))
 
-    return RayTable(values, batch.width, GROUND_KNOTS if to_ground else LIMB_KNOTS, single=True)
+    return RayTable(values, batch.width, GROUND_KNOTS if plane.to_ground else LIMB_KNOTS, single=True)
 
 
-def _factors(
-    batch: SolarNodes,
-    coordinates: RayCoordinates,
-    ground: GroundLight,
-    light: Vec,
-    top_m: float,
-    to_ground: bool,
-    d: Vec,
-) -> FloatArray:
+def _factors(batch: SolarNodes, plane: RayPlane, ground: GroundLight, light: Vec, top_m: float, d: Vec) -> FloatArray:
     """March rays, and return their q, shape (rays, nodes)."""
-    steps, o = GROUND_STEPS if to_ground else LIMB_STEPS, vectors(coordinates.origin[None, :])
-    planet, width = coordinates.planet, batch.width
+    to_ground, o = plane.to_ground, plane.camera
+    steps = GROUND_STEPS if to_ground else LIMB_STEPS
+    planet, width = plane.coordinates.planet, batch.width
     assert batch.bounce is not None
     field = batch.bounce.field
     path = find_path(planet, top_m, o, d, mi.Bool(to_ground))
@@ -346,11 +335,8 @@ class LocalLight:
         if batch.bounce is None:
             return None
         view = self.view
-        coordinates = view.coordinates(view.top_m)
-        axis = coordinates.ground if to_ground else coordinates.limb
-        place, azimuth = coordinates.place(view.origin, direction, to_ground)
-        table = self._rays(batch, coordinates, light, to_ground)
-        air = table.covered(place * (1.0 / (axis.count - 1)), azimuth)[: batch.width]
+        plane = RayPlane(view.coordinates(view.top_m), to_ground)
+        air = self._rays(batch, plane, light).covered(*plane.place(view.origin, direction))[: batch.width]
         if not to_ground and cloud is None:
             return GroundFactors(air, None)
         path = find_path(view.planet, view.top_m, view.origin, direction, mi.Bool(to_ground), cloud)
@@ -371,13 +357,13 @@ class LocalLight:
 
         return position.table(make, "ground light", ground.model, bounce.digest, bounce.width)
 
-    def _rays(self, batch: SolarNodes, coordinates: RayCoordinates, light: Vec, to_ground: bool) -> RayTable:
+    def _rays(self, batch: SolarNodes, plane: RayPlane, light: Vec) -> RayTable:
         assert batch.bounce is not None
         assert self.view.ground is not None
         sun, top_m = tuple(float(c[0]) for c in light), self.view.top_m
-        key = self.view.ground.model, batch.bounce.digest, batch.width, sun, top_m, to_ground
+        key = self.view.ground.model, batch.bounce.digest, batch.width, sun, top_m, plane.to_ground
 
         def make() -> RayTable:
-            return ray_factors(batch, coordinates, self._ground(batch), light, top_m, to_ground)
+            return ray_factors(batch, plane, self._ground(batch), light, top_m)
 
         return self.view.position.table(make, "ray factors", *key)

@@ -35,6 +35,7 @@ from horizonval.renderer.thermal.emission_table import (
     nodes_for,
 )
 from horizonval.renderer.types import Values, Vec, indices_where, inverse_root
+from horizonval.renderer.view_table.ray_table import RayPlane
 from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 
 
@@ -103,9 +104,7 @@ class ThermalFrame:
         def placed(rays: Rays | DiscCells | None, to_ground: bool) -> PlacedRays | None:
             if rays is None or not rays.count:
                 return None
-            steps, azimuth = coordinates.place(view.origin, rays.direction, to_ground)
-            axis = coordinates.ground if to_ground else coordinates.limb
-            x = steps * (1.0 / (axis.count - 1))
+            x, azimuth = RayPlane(coordinates, to_ground).place(view.origin, rays.direction)
             ends = _ends(view, rays, emission, to_ground)
             dr.eval(x, azimuth, ends.shares, ends.warmth, ends.cloud, ends.t)
             cloudy = _cloudy(view, rays.direction, x, azimuth, ends, layer_m, to_ground)
@@ -152,12 +151,12 @@ class ThermalFrame:
         """Return what gives the same quantities by a march of every ray, through the gaps of thin cloud."""
         gapped, planet, o = air.under(self.view.gap_maps), self.view.planet, self.view.origin
 
-        def march(placed: PlacedRays) -> Values:
-            d = np.stack([np.array(c) for c in placed.rays.direction], axis=-1)
-            values = (ground_values if placed.to_ground else limb_values)(gapped, planet, o, d, self.nodes)
+        def marched(placed: PlacedRays) -> Values:
+            march = ground_values if placed.to_ground else limb_values
+            values = march(gapped, planet, o, placed.rays.direction, self.nodes)
             return [table_of(mi.Float64, column) for column in values.T]
 
-        return march
+        return marched
 
     def _disc(self, through: mi.Float64, disc: DiscCells, placed: PlacedRays) -> mi.Float64:
         if placed.ends.cloud is not None:

@@ -63,10 +63,9 @@ from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.planet import Planet, along, dot, way_through
 from horizonval.renderer.position import Position
 from horizonval.renderer.refraction import ApparentRadiusAir
-from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_march import AirColumns, ColumnBatch, Stations, march_emission
 from horizonval.renderer.types import Number, Vec
-from horizonval.renderer.view_table.ray_table import PACKET, Knots, NodeValues, RayTable
+from horizonval.renderer.view_table.ray_table import PACKET, Knots, NodeValues, RayPlane, RayTable
 
 SKY_LAYERS = 160
 ALL = slice(None)
@@ -309,7 +308,8 @@ class ThermalView:
         march = ground_values if to_ground else limb_values
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-            return march(self.air, self.coordinates.planet, *self._rays(x, azimuth, to_ground), self.nodes)
+            plane = RayPlane(self.coordinates, to_ground)
+            return march(self.air, self.coordinates.planet, plane.camera, plane.directions(x, azimuth), self.nodes)
 
         return self._table("clear", values, quantities, to_ground)
 
@@ -319,8 +319,8 @@ class ThermalView:
         assert layer_m is not None
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-            o, d = self._rays(x, azimuth, to_ground)
-            found = _station_values(self.air, self.coordinates.planet, o, d, to_ground, self.nodes, layer_m)
+            plane = RayPlane(self.coordinates, to_ground)
+            found = _station_values(self.air, plane, plane.directions(x, azimuth), self.nodes, layer_m)
             return np.pad(found, ((0, 0), (0, 0), (0, PACKET - 2))).reshape(len(x), -1)
 
         return self._table(f"clouds below {layer_m}", values, PACKET * STATIONS, to_ground, single=True)
@@ -332,19 +332,13 @@ class ThermalView:
         key = "thermal", name, to_ground, self.air.digest, self.coordinates.limb, knots, self.nodes
         return self.position.table(lambda: RayTable(values, quantities, knots, single=single), *key)
 
-    def _rays(self, x: FloatArray, azimuth: FloatArray, to_ground: bool) -> tuple[Vec, FloatArray]:
-        """Return the camera and the directions of nodes."""
-        axis = self.coordinates.ground if to_ground else self.coordinates.limb
-        d = self.coordinates.directions(axis.value(x), azimuth, to_ground)
-        return vectors(self.coordinates.origin[None, :]), d
 
-
-def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: Vec, nodes: int) -> FloatArray:
     """Return radiance of the air and of the Sun's disc through it, shape (rays, 2)."""
-    out = np.zeros((len(d), 2))
+    out = np.zeros((dr.width(d[0]), 2))
     first = 0
     for batch in air.batches:
-        more, through, _ = march_emission(planet, air.top_m, batch, o, vectors(d), mi.Bool(False), nodes)
+        more, through, _ = march_emission(planet, air.top_m, batch, o, d, mi.Bool(False), nodes)
         out[:, 0] += sum(np.array(m) for m in more)
         for transmittance, sun in zip(through, air.band.sun_radiance[first : first + batch.used], strict=True):
             out[:, 1] += np.array(transmittance) * sun
@@ -352,17 +346,17 @@ def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: i
     return out
 
 
-def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: Vec, nodes: int) -> FloatArray:
     """Return the radiance of rays that end on every kind of ground at every temperature, shape (rays, kinds x T)."""
-    ray, source, kinds = vectors(d), air.source, air.kinds
-    p, normal, up = mirrored(planet, o, ray)
+    source, kinds = air.source, air.kinds
+    p, normal, up = mirrored(planet, o, d)
     dr.eval(p, up)
-    cosine, up_there = -np.array(dot(normal, ray)), np.stack([np.array(c) for c in normal], axis=-1)
+    cosine, up_there = -np.array(dot(normal, d)), np.stack([np.array(c) for c in normal], axis=-1)
     black = {k.name: source.spline(k.temperature_k) for k in kinds}
-    out = np.zeros((sum(len(k.temperature_k) for k in kinds), len(d)))
+    out = np.zeros((sum(len(k.temperature_k) for k in kinds), dr.width(d[0])))
     first = 0
     for batch in air.batches:
-        more, through, _ = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(True), nodes)
+        more, through, _ = march_emission(planet, air.top_m, batch, o, d, mi.Bool(True), nodes)
         part = slice(first, first + batch.used)
         transmittance = [np.array(t) for t in through]
         out += sum(np.array(m) for m in more)
@@ -384,16 +378,14 @@ def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes:
     return out.T
 
 
-def _station_values(
-    air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, to_ground: bool, nodes: int, layer_m: float
-) -> FloatArray:
+def _station_values(air: ThermalAir, plane: RayPlane, d: Vec, nodes: int, layer_m: float) -> FloatArray:
     """Return P and Q, shape (rays, stations, 2)."""
-    ray = vectors(d)
-    start, end = way_through(planet, o, ray, layer_m, to_ground)
+    planet, o, to_ground, rays = plane.coordinates.planet, plane.camera, plane.to_ground, dr.width(d[0])
+    start, end = way_through(planet, o, d, layer_m, to_ground)
     stations = Stations(start, end, STATIONS, STATION_STEPS)
-    total = np.zeros((2, STATIONS, len(d)))
+    total = np.zeros((2, STATIONS, rays))
     for batch in air.batches:
-        _, _, at_stations = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(to_ground), nodes, stations)
+        _, _, at_stations = march_emission(planet, air.top_m, batch, o, d, mi.Bool(to_ground), nodes, stations)
         assert at_stations is not None
-        total += np.stack([np.array(k).reshape(STATIONS, len(d)) for k in at_stations])
+        total += np.stack([np.array(k).reshape(STATIONS, rays) for k in at_stations])
     return np.moveaxis(total, 0, -1).swapaxes(0, 1)

@@ -29,12 +29,10 @@ from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.march import SunlitStations
 from horizonval.renderer.kernel.node_batches import Place
 from horizonval.renderer.planet import way_through
-from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
-from horizonval.renderer.view_table.ray_table import PACKET, RayTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.sunlit_air import (
     Light,
-    RayPlane,
     air_table,
     stations_between,
 )
@@ -111,11 +109,11 @@ class BrokenAir:
     def table(self, bright: FloatArray) -> RayTable:
         """Return an empty table; ``bright``: radiance of the bright limb, (batches * 4,)."""
         light, plane, count, packets = self.light, self.plane, len(self.light.batches), self._packets
-        o = vectors(plane.coordinates.origin[None, :])
+        o = plane.camera
         shape = self.pieces, count, packets, PACKET
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-            d = vectors(plane.directions(x, azimuth))
+            d = plane.directions(x, azimuth)
             stations = self.stations(o, d)
             out = np.zeros((len(x), *shape))
             for k, batch in enumerate(light.batches):

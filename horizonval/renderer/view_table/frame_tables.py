@@ -27,12 +27,11 @@ from horizonval.renderer.refraction import ray_end
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
-from horizonval.renderer.view_table.ray_table import PACKET, RayTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 from horizonval.renderer.view_table.sunlit_air import (
     FAINT,
     Light,
-    RayPlane,
     bounce_packet,
     bright_limb,
     brightest_air,
@@ -135,9 +134,7 @@ class FrameTables:
         if hit is not None and self._cloud_top_m is not None:
             clouded = indices_where(hit.cloud)
         for light in self._lights:
-            coordinates = self.view.coordinates(light.top_m)
-            last_m, top_m = light.air_ends_m
-            plane = RayPlane.of(coordinates, to_ground, {*light.edges_m, last_m}, top_m)
+            plane = RayPlane(self.view.coordinates(light.top_m), to_ground)
             x, azimuth = plane.place(self.view.origin, direction)
             dr.eval(x, azimuth)
             broken = BrokenAir(light, plane, self.view.gap_maps) if self.view.gap_maps else None

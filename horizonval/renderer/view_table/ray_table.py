@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import made_once
-from horizonval.renderer.tables import gather_row, table_of_parts
-from horizonval.renderer.types import Number, Values
+from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
+from horizonval.renderer.tables import gather_row, table_of_parts, vectors
+from horizonval.renderer.types import Number, Values, Vec
 
 INTERVALS = 8
 NODES = INTERVALS + 1
@@ -186,6 +187,33 @@ class Knots:
 
 
 HALVED = Knots(8, 8, halved=4, rows_halved=7)
+
+
+@dataclass(frozen=True)
+class RayPlane:
+    """The rays from a camera to the ground or past it, by x from 0 to 1 along their axis and by azimuth."""
+
+    coordinates: RayCoordinates
+    to_ground: bool
+
+    @property
+    def axis(self) -> RayAxis:
+        """The axis."""
+        return self.coordinates.ground if self.to_ground else self.coordinates.limb
+
+    def directions(self, x: FloatArray, azimuth: FloatArray) -> Vec:
+        """Return unit directions at places, each of shape (n,)."""
+        return vectors(self.coordinates.directions(self.axis.value(x), azimuth, self.to_ground))
+
+    def place(self, o: Vec, d: Vec) -> tuple[mi.Float64, mi.Float64]:
+        """Return ``(x, azimuth)`` of kernel directions; ``o`` is the camera."""
+        steps, azimuth = self.coordinates.place(o, d, self.to_ground)
+        return steps * (1.0 / (self.axis.count - 1)), azimuth
+
+    @property
+    def camera(self) -> Vec:
+        """The camera."""
+        return vectors(self.coordinates.origin[None, :])
 
 
 NodeValues: TypeAlias = "Callable[[FloatArray, FloatArray], FloatArray]"

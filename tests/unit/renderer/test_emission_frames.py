@@ -56,8 +56,9 @@ def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
 
 
 def _place(coordinates: Any, o: Any, d: Any, to_ground: bool) -> Any:
-    steps, azimuth = coordinates.place(o, d, to_ground)
-    return steps * (1.0 / ((coordinates.ground if to_ground else coordinates.limb).count - 1)), azimuth
+    from horizonval.renderer.view_table.ray_table import RayPlane
+
+    return RayPlane(coordinates, to_ground).place(o, d)
 
 
 @pytest.mark.parametrize(
@@ -265,6 +266,7 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     """P and Q of random rays, halfway between stations too: 4e-3 of the brightest, worst at the tropopause's kink."""
     from horizonval.renderer.tables import vectors
     from horizonval.renderer.thermal import emission_table
+    from horizonval.renderer.view_table.ray_table import RayPlane
     from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 
     air = optical_model(scene(**VARYING), camera(spectrum))
@@ -281,7 +283,7 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
         table.cover(*place)
         with monkeypatch.context() as patch:
             patch.setattr(emission_table, "STATIONS", twice)
-            exact = emission_table._station_values(view.air, coordinates.planet, o, d, to_ground, 128, 15e3)
+            exact = emission_table._station_values(view.air, RayPlane(coordinates, to_ground), ray, 128, 15e3)
         for k in range(twice):
             station = StationPlace.at(0.5 * k + 0.0 * place[0], 0.0, 0.5 * (twice - 1.0))
             looked = np.stack([np.array(x) for x in look_at_stations(table, *place, station, 1, [0])[:2]], axis=1)
