@@ -252,7 +252,8 @@ GROUND_KNOTS, GROUND_STEPS = Knots(112, 128), 5
 LIMB_KNOTS, LIMB_STEPS = Knots(2, 96), 24
 """Knots of the tables, and steps along each ray. At 500 km rows are 3 km apart on the ground in the middle of the disc.
 
-Under clouds at the terminator twice as many knots change the radiance by up to 3e-3 of the bright limb. Beside borders of squares of 50 and 100 km the radiance differs from Monte Carlo by up to 2.3 %.
+Under clouds at the terminator twice as many knots change the radiance by up to 3e-3 of the bright limb. Next to borders
+of squares of 50 and 100 km the radiance differs from Monte Carlo by up to 2.3 %.
 """
 _NO_LIGHT = 1e-60
 

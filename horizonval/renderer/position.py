@@ -4,24 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 import mitsuba as mi
 
 from horizonval.core.digests import content_digest
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.table_store import TABLES
-
-
-class Sized(Protocol):
-    """A table that knows its memory."""
-
-    @property
-    def nbytes(self) -> int:
-        """Return the memory of the table."""
-
-
-Table = TypeVar("Table", bound=Sized)
+from horizonval.renderer.table_store import TABLES, Table
 
 
 @dataclass(frozen=True)
@@ -34,4 +22,4 @@ class Position:
     def table(self, make: Callable[[], Table], *key: object) -> Table:
         """Return a table of this position; made now if it is not here. ``key``: what else it depends on."""
         digest = content_digest(self.planet, self.place_m, mi.variant(), *key)
-        return TABLES.get_or_make(digest, make, lambda table: table.nbytes)
+        return TABLES.get_or_make(digest, make)

@@ -22,8 +22,8 @@ from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
-from horizonval.renderer.position import Table
 from horizonval.renderer.refraction import ray_end
+from horizonval.renderer.table_store import Table
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
