@@ -31,6 +31,8 @@ DRAWS = 500
 CONFIDENCE = 0.95
 TAIL_FACTOR = 1.5
 """Ratio of the 99 % to the 68 % quantile, relative to a normal distribution's, above which tails are flagged."""
+SHORTEST_FALL = 0.1
+"""Smallest fall of the logarithm of the autocovariance over the longest time difference that gives an e-fold time."""
 SIGNIFICANT = 0.3
 """Smallest autocovariance, relative to that of neighbouring samples, that enters the e-fold time."""
 
@@ -116,7 +118,8 @@ def correlation(series: Sequence[FloatArray], times_s: Sequence[FloatArray], noi
 
     ``noise_variance`` is taken out of the white part.
     ``white``, ``correlated``, ``e_fold_s``, and ``curve``: time difference, autocorrelation and number of pairs. Time
-    differences are rounded to the median distance of samples. None: too few pairs, or no correlation.
+    differences are rounded to the median distance of samples. None: too few pairs, no correlation, or a correlation that hardly falls in the
+    time that the flights last.
     """
     known = [(e[np.isfinite(e)], t[np.isfinite(e)]) for e, t in zip(series, times_s, strict=True)]
     values = np.concatenate([e for e, _ in known]) if known else np.zeros(0)
@@ -155,5 +158,5 @@ def correlation(series: Sequence[FloatArray], times_s: Sequence[FloatArray], noi
     return result | {
         "white": math.sqrt(max(variance - correlated - noise_variance, 0.0)),
         "correlated": math.sqrt(correlated),
-        "e_fold_s": float(-1.0 / slope) if slope < 0.0 else None,
+        "e_fold_s": float(-1.0 / slope) if slope * step * (len(count) - 1) < -SHORTEST_FALL else None,
     }
