@@ -116,10 +116,9 @@ def knowledge_errors(series: Sequence[FloatArray], times_s: Sequence[FloatArray]
 def correlation(series: Sequence[FloatArray], times_s: Sequence[FloatArray], noise_variance: float = 0.0) -> JsonObject:
     """Return the white and correlated standard deviations and the e-fold time [s] of errors.
 
-    ``noise_variance`` is taken out of the white part.
     ``white``, ``correlated``, ``e_fold_s``, and ``curve``: time difference, autocorrelation and number of pairs. Time
-    differences are rounded to the median distance of samples. None: too few pairs, no correlation, or a correlation that hardly falls in the
-    time that the flights last.
+    differences are rounded to the median distance of samples. ``noise_variance`` is taken out of the white part. None:
+    too few pairs, no correlation, or one that hardly falls within the duration of the flights.
     """
     known = [(e[np.isfinite(e)], t[np.isfinite(e)]) for e, t in zip(series, times_s, strict=True)]
     values = np.concatenate([e for e, _ in known]) if known else np.zeros(0)
