@@ -138,6 +138,6 @@ def draw_errors() -> MplFigure:
         column[0].set_title(f"angles to {quantum:g}°")
         column[-1].set_xlabel("time [s]")
     for row, name in zip(panels, QUANTITIES.values(), strict=True):
-        row[0].set_ylabel(name)
+        row[0].set_ylabel(name.replace(" [", "\n["))
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
     return figure
