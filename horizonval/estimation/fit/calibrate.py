@@ -200,7 +200,7 @@ def edge_shot(start: EllipsoidStart, camera: CameraModel) -> Shot:
     """Return the shot of an image near its limb."""
     image, knowledge = EdgeImage(start.picture.grey, camera, np.eye(3)), start.knowledge
     # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
-    chooser = EdgeChooser([image], knowledge, whole=1.0, scaled=True)
+    chooser = EdgeChooser([image], knowledge, whole=1.0)
     return Shot(chooser, ShotPrior(knowledge.mean, knowledge.information), chooser.start(start.pose))
 
 

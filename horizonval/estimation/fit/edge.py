@@ -35,7 +35,7 @@ from horizonval.estimation.fit.light import (
     solve_levels,
 )
 from horizonval.estimation.fit.noise import PixelNoise
-from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
+from horizonval.estimation.fit.pixels import LimbPixels
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 
 BLUR, SCALE = POSE + LENS, POSE + LENS + 1
@@ -53,52 +53,34 @@ LEAST_SAG = 0.5
 
 
 @dataclass(frozen=True)
-class EdgePixels:
+class EdgePixels(LimbPixels):
     """n pixels near a limb, or means of some, in order of azimuth; sectors have equally many.
 
-    ``columns``, ``rows``, ``values``: shape (n,); ``counts``: shape (n,), pixels of which each is the mean;
-    ``wide_px2``: shape (n,), variance of their distances from the limb; ``rounding``: variance of rounding;
-    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2.
-
-    Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
-    [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
-    of sight are; ``scale``: shape (n,), image scale across the limb [rad/px]; ``bend``: shape (n,), divergence of the
-    distance's gradient [1/px]; ``scale_changes``: shape (11, n), relative changes of the scale by a step of ``pose``
-    and lens, None where they are neglected.
-
-    Heights: ``lift_m``: shape (n,), known, above the pose's limb; ``modes``: shape (k, n), of the air's unknowns [m].
+    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``rounding``: variance of
+    rounding; ``bend_m``: shape (n,), what a blur of one pixel's variance adds to the distances; ``lift_m``: shape (n,),
+    known height of the limb above the pose's; ``modes``: shape (k, n), of the air's unknowns [m]; ``motion``: shape
+    (11, q), derivatives of places on the limb by pose and lens [px]; ``curve``: of a ray's height above its distance [1/m].
     """
 
-    columns: FloatArray
-    rows: FloatArray
-    values: FloatArray
-    counts: FloatArray
-    wide_px2: FloatArray
-    rounding: float
     sectors: int
     along: FloatArray
-    los_cam: FloatArray
-    offset: FloatArray
-    by_lens: FloatArray
-    lens: FloatArray
-    scale: FloatArray
-    scale_changes: FloatArray | None
-    pose: LimbPose
-    bend: FloatArray
+    rounding: float
+    bend_m: FloatArray
     lift_m: FloatArray
     modes: FloatArray
+    motion: FloatArray
+    curve: float
 
 
 @dataclass(frozen=True)
 class EdgeKnown:
     """What is known of a limb's edge.
 
-    ``axes_m``: shape (3,), of the planet; ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation
+    ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation
     of its logarithm; ``scale_height_m``, ``scale_sigma_m``: of the soft limb, both 0 for a hard one; ``middle_m``,
     ``middle_sigma_m``: height of the limb and scale height together, infinite sigma where only each is known.
     """
 
-    axes_m: FloatArray
     blur_px: float
     blur_log_sigma: float
     scale_height_m: float
@@ -119,19 +101,14 @@ class EdgeKnown:
 
 @dataclass(frozen=True)
 class _Edge:
-    """Geometry and profile of the pixels.
+    """Profile of the pixels, ``x`` inside the limb [px]; ``by_turn``: shape (3, n), of the distances outside it [m];
+    ``soft``: scale height in the image [px/m], None for a hard limb."""
 
-    ``soft``: scale height in the image [px/m], None for a hard limb; ``sagging``: change of its logarithm by the angle
-    inside the limb [1/rad].
-    """
-
-    angle: LimbAngle
     x: FloatArray
+    by_turn: FloatArray
     blur: FloatArray
     edge: EdgeProfile
     soft: FloatArray | None
-    sagging: FloatArray
-    scale: FloatArray
     basis: FloatArray
 
 
@@ -182,11 +159,11 @@ class EdgeLinear:
 
 
 class EdgeModel:
-    """The pixels of one image near the limb; ``motion``: shape (11, q), derivatives of places on the limb [px]."""
+    """The pixels of one image near the limb."""
 
-    def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
-        self.pixels, self.known, self._motion = pixels, known, motion
-        self._px_per_m = float(np.abs(motion[POSE - 1]).max())
+    def __init__(self, pixels: EdgePixels, known: EdgeKnown) -> None:
+        self.pixels, self.known = pixels, known
+        self._px_per_m = float(np.abs(pixels.motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
         self._held = False
@@ -227,8 +204,8 @@ class EdgeModel:
 
         The limb of a soft air is a scale height above its foot, so that one rises as much as the other falls.
         """
-        rises = step[SCALE] * self._motion[POSE - 1]
-        return float(np.abs(step[:BLUR] @ self._motion + rises).max())
+        rises = step[SCALE] * self.pixels.motion[POSE - 1]
+        return float(np.abs(step[:BLUR] @ self.pixels.motion + rises).max())
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None
@@ -271,25 +248,14 @@ class EdgeModel:
         self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_LOG_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
-        by_log_soft = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft * float(own[1])
-        per_rad = by_x / seen.scale + by_log_soft * seen.sagging
-        by_height = seen.angle.by_height * per_rad
+        per_m = -by_x / pixels.width_m
         jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
-        jacobian[:3] = seen.angle.by_rotation * per_rad
-        jacobian[3 : POSE - 1] = seen.angle.by_position * per_rad
-        jacobian[POSE - 1] = by_height
-        # The distance to the limb changes the scale of heights.
-        nearer = by_log_soft * seen.angle.by_height**2
-        jacobian[3 : POSE - 1] -= nearer * (seen.angle.p * seen.angle.axes)[:, None]
-        jacobian[POSE - 1] += nearer * seen.angle.axes[0]
-        jacobian[POSE:BLUR] = pixels.by_lens * per_rad
-        jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
+        jacobian[:3] = seen.by_turn * per_m
+        jacobian[3:POSE] = pixels.by_pose[3:] * per_m
+        jacobian[POSE:BLUR] = pixels.by_lens * per_m
+        jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + 2.0 * pixels.bend_m * per_m)
         jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
-        jacobian[SCALE + 1 :] = pixels.modes * by_height
-        if pixels.scale_changes is not None:
-            # A larger scale draws distance and softness together.
-            by_scale = by_x * (seen.x - 0.5 * blur**2 * pixels.bend) + jacobian[SCALE] * own[1]
-            jacobian[:BLUR] -= by_scale * pixels.scale_changes
+        jacobian[SCALE + 1 :] = pixels.modes * jacobian[POSE - 1]
         return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
 
     def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
@@ -301,30 +267,18 @@ class EdgeModel:
         return self._last[1]
 
     def _predicted(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
-        pixels, known = self.pixels, self.known
+        pixels, soft = self.pixels, None
         blur, scale_m = float(np.exp(own[0])), float(own[1])
-        axes = known.axes_m + pose.height_m
-        angle = limb_angle(pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
-        lift = pixels.lift_m + air @ pixels.modes
-        delta = angle.delta + pixels.offset + angle.by_height * lift
-        if (lens != pixels.lens).any():
-            delta = delta + (lens - pixels.lens) @ pixels.by_lens
-        scale = pixels.scale
-        if pixels.scale_changes is not None:
-            step = np.concatenate([pixels.pose.step_to(pose), lens - pixels.lens])
-            scale = scale * np.exp(step @ pixels.scale_changes)
-        x = delta / scale + 0.5 * blur**2 * pixels.bend
-        soft, sagging = None, np.zeros(())
-        if known.soft:
-            # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
-            # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
-            bent = 0.5 * axes[0] * angle.by_height
-            sag = np.maximum(1.0 + np.minimum(delta, 0.0) * bent, LEAST_SAG)
-            soft = angle.by_height / (scale * sag)
-            sagging = np.where((delta < 0.0) & (sag > LEAST_SAG), -bent / sag, 0.0)
-        wide = np.sqrt(blur**2 + pixels.wide_px2)
+        across, by_turn = pixels.moved(pose, lens)
+        across = across + pixels.by_pose[POSE - 1] * (pixels.lift_m + air @ pixels.modes)
+        if self.known.soft:
+            # Outside the limb a ray passes lower than its distance from the limb: 0.4 % at 8 km seen from 500 km.
+            lower = np.maximum(1.0 - pixels.curve * np.maximum(across, 0.0), LEAST_SAG)
+            soft = 1.0 / (pixels.width_m * lower)
+        x = -(across + blur**2 * pixels.bend_m) / pixels.width_m
+        wide = np.sqrt(blur**2 + pixels.spread_px2)
         edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
-        return _Edge(angle, x, wide, edge, soft, sagging, scale, light_basis(edge.level, x, pixels.along))
+        return _Edge(x, by_turn, wide, edge, soft, light_basis(edge.level, x, pixels.along))
 
 
 @dataclass(frozen=True)
@@ -350,10 +304,10 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     def sums(values: FloatArray) -> FloatArray:
         return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
 
-    slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope / pixels.scale
+    slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope * pixels.distance_m / pixels.width_m
     information = sums(weights * slope * slope)
     shift = sums(weights * slope * look.residuals) / np.maximum(information, 1e-300)
-    relief = sums(seen.angle.by_height * pixels.modes) * count / len(pixels.values)
+    relief = sums(pixels.modes / pixels.distance_m) * count / len(pixels.values)
     size = len(pixels.values) // count
     nearest = np.argmin(np.abs(seen.x).reshape(count, -1), axis=1) + size * np.arange(count)
     return SectorPlaces(

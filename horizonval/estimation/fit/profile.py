@@ -46,14 +46,8 @@ from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, 
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile_pixels import (
-    AXIS_CAM,
-    NoLimbError,
-    ProfilePixels,
-    level_distance,
-    profile_pixels,
-)
-from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.fit.pixels import level_distance, with_errors
+from horizonval.estimation.fit.profile_pixels import NoLimbError, ProfilePixels, profile_pixels
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.estimation.prior import MEAN_RADIUS_M
@@ -173,23 +167,14 @@ class ProfileModel:
         reach = REACH_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
         # Half of it beyond the table is too little to see of it.
         rim = 0.5 * reach
-        bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
-        top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
+        bottom, top = -1.5 * DEPTH_PX * pixel_m, high + max(rim, SPACE_PX * pixel_m)
         self.curve = curve = 0.5 * axes[0] / to_limb_2
-        near = profile_pixels(
-            image,
-            camera,
-            pose,
-            knowledge.ellipsoid,
-            (bottom, top),
-            high + rim + pose.height_m,
-            curve,
-            None if before is None else before.near.nodes,
-        )
+        nodes = None if before is None else before.near.nodes
+        near = profile_pixels(image, camera, pose, lens, knowledge.ellipsoid, (bottom, top), high + rim, nodes)
         self.near: ProfilePixels = near
-        ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
+        ends, _ = level_distance(np.array([bottom, top]), curve)
         self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
-        off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
+        off_axis = off_axis_angle(near.nodes.los_cam, np.array([0.0, 0.0, 1.0]))
         if before is None:
             step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
             count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
@@ -207,7 +192,7 @@ class ProfileModel:
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
-        self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
+        self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m - pose.height_m) / soft_m)
         self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
@@ -254,7 +239,7 @@ class ProfileModel:
         """Return the pixels as predicted; ``weights`` are not needed."""
         at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own[:GAIN], air])
         if self._last is None or not np.array_equal(self._last[0], at):
-            self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
+            self._last = at, self._look(*self.near.moved(pose, lens), own, air)
         look = self._last[1]
         shown = own[BACKGROUND] + float(np.exp(own[GAIN])) * self.near.light * look.level
         kept = np.ones_like(shown)
@@ -262,36 +247,11 @@ class ProfileModel:
             shown, kept = self.floor.expected(shown)
         return replace(look, own=own, kept=kept, residuals=self.near.values - shown)
 
-    def away(self, pose: LimbPose) -> FloatArray:
-        """Return the way to a pose, shape (7,), along which distances across the limb are linear.
-
-        The turn is a tilt after a turn about the nadir, which moves the limb little, however far it is.
-        """
-        way, nadir = self.pose.step_to(pose), self.pose.nadir_cam
-        angle = float(np.linalg.norm(way[:3]))
-        if angle > 0.0:
-            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
-            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
-            along = float(part @ nadir)
-            size = np.hypot(rest, along)
-            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
-            sine = max(float(np.linalg.norm(swing)), 1e-300)
-            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
-            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
-        return way
-
-    def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+    def _look(self, across: FloatArray, by_turn: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
         """Return the radiance of the pixels, without gain and background."""
         near, air = self.near, self.air
         blur, sharpness = float(np.exp(own[BLUR])), float(own[SHARPNESS])
-        across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
-        # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
-        nadir = self.pose.nadir_cam
-        tilt = away[:3] - nadir * (nadir @ away[:3])
-        after = np.eye(3) + 0.5 * np.cross(tilt, np.eye(3)) - 0.5 * np.outer(np.cross(tilt, nadir), nadir)
-        by_turn = after.T @ near.by_pose[:3]
-        if lens.any():
-            across = across + lens @ near.by_lens
+        across = across + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
         on_grid = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
         place = np.clip(on_grid.astype(np.intp), 1, size - 3)
@@ -439,8 +399,8 @@ def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
     """Return squared angles from the axis over the largest in a grid of every eighth pixel, shape (m,)."""
     columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
     some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
-    farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))
-    return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
+    farthest = float(np.nanmax(off_axis_angle(some, np.array([0.0, 0.0, 1.0]))))
+    return np.asarray((off_axis_angle(los_cam, np.array([0.0, 0.0, 1.0])) / farthest) ** 2)
 
 
 @dataclass(frozen=True)
@@ -488,9 +448,7 @@ class ProfileChooser:
             if near_by is not None and near_by.motion_px(ways[k]) < NEAR_PX:
                 models.append(near_by.held(tighter))
                 continue
-            camera = one.camera
-            if lens.any():
-                camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
+            camera = with_errors(one.camera, lens)
             pose, blur_px = state.pose.of_camera(one.turn), float(np.exp(own[BLUR]))
             models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, near_by))
         if old is not None and same_air:
