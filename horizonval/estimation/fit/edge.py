@@ -59,7 +59,7 @@ class EdgePixels(LimbPixels):
     ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``rounding``: variance of
     rounding; ``bend_m``: shape (n,), what a blur of one pixel's variance adds to the distances; ``lift_m``: shape (n,),
     known height of the limb above the pose's; ``modes``: shape (k, n), of the air's unknowns [m]; ``motion``: shape
-    (11, q), derivatives of places on the limb by pose and lens [px]; ``curve``: of a ray's height above its distance [1/m].
+    (11, q), derivatives of places on the limb by pose and lens [px]; ``curve``: see :class:`.pixels.Limb` [1/m].
     """
 
     sectors: int

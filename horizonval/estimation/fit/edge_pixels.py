@@ -169,7 +169,7 @@ class EdgeChooser:
 
 @dataclass(frozen=True)
 class _Limb:
-    """The pixels near the limb in one image, the limb at their pose, its length in view, and the rounding's variance."""
+    """The pixels near the limb in one image; ``limb_px``: its length in view; ``rounding``: variance of rounding."""
 
     pixels: LimbPixels
     limb: Limb
@@ -179,7 +179,7 @@ class _Limb:
 
     @cached_property
     def on_limb(self) -> NDArray[np.intp]:
-        """Numbers of some pixels nearest to the limb: of a whole disc four to the wave of a pose's unknowns, and more."""
+        """Numbers of some pixels nearest to the limb, four to the shortest wave of a pose round a disc, or more."""
         on_limb = np.flatnonzero(np.abs(self.pixels.across_m) < 0.5 * self.pixels.width_m)
         return on_limb[:: max(1, len(on_limb) // 48)]
 

@@ -40,8 +40,8 @@ from horizonval.geometry.horizon import fit_cone
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
-FIXED_ANGLE_RAD = 1e-6
-"""Standard deviation of an angle that is no unknown: below what an image shows, above rounding."""
+FIXED_ANGLE_RAD = 1e-3
+"""Prior standard deviation of a turn about the nadir, which a sphere does not show: two tilts together make more."""
 
 
 @dataclass(frozen=True)

@@ -353,7 +353,11 @@ def limb_pixels(
         cells = _Cells(near.x_px, azimuth, most)
         values, columns, rows, x = (cells.mean(one) for one in (values, columns, rows, near.x_px))
         counts, azimuth, spread = cells.counts, cells.azimuth, np.maximum(cells.mean(near.x_px**2) - x**2, 0.0)
-        los, sides, distance = cells.mean(near.los_cam), map(cells.mean, (near.by_column, near.by_row)), cells.mean(near.across_m)
+        los, sides, distance = (
+            cells.mean(near.los_cam),
+            map(cells.mean, (near.by_column, near.by_row)),
+            cells.mean(near.across_m),
+        )
         ray, _, rise = Limb(pose.cam_from_itrs, pose.r_itrs, axes_m).seen(los)
         near = NearPixels(near.columns, near.rows, los, *sides, ray, distance, rise, near.every)
     by_pose = np.concatenate([near.ray.by_rotation(near.los_cam), near.ray.by_position, -np.ones((1, len(values)))])

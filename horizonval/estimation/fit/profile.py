@@ -45,8 +45,8 @@ from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfil
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
-from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.pixels import level_distance, with_errors
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile_pixels import NoLimbError, ProfilePixels, profile_pixels
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens

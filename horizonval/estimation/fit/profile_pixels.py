@@ -86,8 +86,8 @@ def profile_pixels(
 ) -> ProfilePixels:
     """Return valid pixels between two heights above a pose's limb, about :data:`MOST_PIXELS` of them, evenly spread.
 
-    ``lens``: shape (4,), errors that ``camera`` has already; ``space_m``: height from which there is no air; ``nodes``: of a pose
-    near by, which are reused. Raises ``LinAlgError``: too little limb in view.
+    ``lens``: shape (4,), errors that ``camera`` has already; ``space_m``: height from which there is no air; ``nodes``:
+    of a pose near by, which are reused. Raises ``LinAlgError``: too little limb in view.
     """
     bottom_m, top_m = between_m
     axes = ellipsoid.axes_m + pose.height_m
