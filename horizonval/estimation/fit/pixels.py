@@ -219,7 +219,7 @@ def near_pixels(
     column, row, *squares = _squares(camera)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = NearPixels(column, row, *squares, *limb.seen(squares[0]))
-        far = np.where(middle.ray.distance_m > 0.0, middle.x_px, -np.inf)
+        far = np.where(middle.ray.distance_m <= 0.0, -np.inf, middle.x_px)
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px + reach) | (far < -outside_px - reach)))
     width = np.nan_to_num(middle.width_m[some], nan=pixel_at_limb_m(camera, pose.r_itrs, axes_m[0]))
