@@ -33,7 +33,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
 from horizonval.estimation.fit.heights import ArcPlaces
-from horizonval.estimation.fit.image import Chosen, ShotState
+from horizonval.estimation.fit.image import POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
@@ -197,11 +197,14 @@ def _sectors(seen: _Limb, heights: _Heights) -> EdgePixels:
     bend = seen.limb.bend_m(seen.camera, uv, pixels.gradient[:, some])
     of_limb = np.concatenate([pixels.by_pose, pixels.by_lens])[:, some]
     order = sectors.order
+    arrays = pixels.of(order)
+    # In pixels, whose width is that at the pose of the choice, a nearer or a higher limb moves alike on both sides.
+    arrays["by_pose"][3:] /= -arrays["by_pose"][POSE - 1]
     return EdgePixels(
         pixels.pose,
         pixels.lens,
         pixels.every,
-        **pixels.of(order),
+        **arrays,
         sectors=sectors.count,
         # A linear array crosses the limb in one pixel, which has no place along it.
         along=sectors.along if seen.limb_px > 1 else np.zeros(len(order)),

@@ -181,12 +181,17 @@ class NearPixels:
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> NearPixels:
         """Return some of them, by their numbers or by a mask."""
         ray = self.ray
-        return NearPixels(
-            *(one[..., which] for one in (self.columns, self.rows, self.los_cam, self.by_column, self.by_row)),
-            RayHeight(*(one[..., which] for one in (ray.height_m, ray.distance_m, ray.normal_cam, ray.by_position))),
-            self.across_m[which],
-            self.rise[which],
-            self.every,
+        parts = ray.height_m, ray.distance_m, ray.normal_cam, ray.by_position
+        return replace(
+            self,
+            columns=self.columns[which],
+            rows=self.rows[which],
+            los_cam=self.los_cam[:, which],
+            by_column=self.by_column[:, which],
+            by_row=self.by_row[:, which],
+            ray=RayHeight(*(one[..., which] for one in parts)),
+            across_m=self.across_m[which],
+            rise=self.rise[which],
         )
 
     def in_view(self, camera: CameraModel, across_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.bool_]:
@@ -216,9 +221,9 @@ def near_pixels(
     directions, limb = pixel_directions(camera), Limb(pose.cam_from_itrs, pose.r_itrs, axes_m)
     # Half a square's diagonal, plus the effect of the lens's changing scale up to the limb.
     reach = SQUARE_PX / np.sqrt(2.0) + 2.0
-    column, row, *squares = _squares(camera)
+    squares = _squares(camera)
     with np.errstate(invalid="ignore", divide="ignore"):
-        middle = NearPixels(column, row, *squares, *limb.seen(squares[0]))
+        middle = NearPixels(*squares, *limb.seen(squares[2]))
         far = np.where(middle.ray.distance_m <= 0.0, -np.inf, middle.x_px)
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px + reach) | (far < -outside_px - reach)))
@@ -244,20 +249,21 @@ def near_pixels(
         near = np.flatnonzero((across <= outside_px * width) & (across >= -inside_px * width) & (ray.distance_m > 0.0))
     none = np.zeros((3, len(columns)))
     pixels = NearPixels(columns, rows, los_cam, none, none, ray, across, rise, every).take(near)
-    pixels = replace(pixels, **_sides(directions, pixels.columns, pixels.rows))
+    by_column, by_row = _sides(directions, pixels.columns, pixels.rows)
+    pixels = replace(pixels, by_column=by_column, by_row=by_row)
     # A neighbour outside the image circle has no direction.
     whole = np.isfinite(pixels.by_column.sum(axis=0) + pixels.by_row.sum(axis=0))
     return pixels if whole.all() else pixels.take(whole)
 
 
-def _sides(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> dict[str, FloatArray]:
+def _sides(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
     """Return the change of the directions (H, W, 3) over one pixel, by column and by row, shape (3, n) each."""
     height, width = directions.shape[:2]
     right, left = np.minimum(columns + 1, width - 1), np.maximum(columns - 1, 0)
     below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
     by_column = (directions[rows, right] - directions[rows, left]) / np.maximum(right - left, 1)[:, None]
     by_row = (directions[below, columns] - directions[above, columns]) / np.maximum(below - above, 1)[:, None]
-    return {"by_column": by_column.T.copy(), "by_row": by_row.T.copy()}
+    return by_column.T.copy(), by_row.T.copy()
 
 
 @lru_cache(maxsize=2)
@@ -271,8 +277,7 @@ def _squares(camera: CameraModel) -> tuple[NDArray[np.intp], NDArray[np.intp], F
     rows, columns = (one.ravel() for one in np.meshgrid(row, column, indexing="ij"))
     with np.errstate(invalid="ignore"):
         sides = _sides(directions, columns, rows)
-    los_cam = np.ascontiguousarray(directions[rows, columns].T)
-    return columns, rows, los_cam, sides["by_column"], sides["by_row"]
+    return columns, rows, np.ascontiguousarray(directions[rows, columns].T), *sides
 
 
 @dataclass(frozen=True)
@@ -309,7 +314,7 @@ class LimbPixels:
         """What a pixel sees across the limb, shape (n,)."""
         return np.hypot(*self.gradient)
 
-    def of(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> dict[str, FloatArray]:
+    def of(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return the arrays of some pixels, by their numbers or by a mask."""
         arrays = {name: one for name, one in vars(self).items() if isinstance(one, np.ndarray) and name != "lens"}
         return {name: np.ascontiguousarray(one[..., which]) for name, one in arrays.items() if name != "width_m"}
@@ -353,13 +358,10 @@ def limb_pixels(
         cells = _Cells(near.x_px, azimuth, most)
         values, columns, rows, x = (cells.mean(one) for one in (values, columns, rows, near.x_px))
         counts, azimuth, spread = cells.counts, cells.azimuth, np.maximum(cells.mean(near.x_px**2) - x**2, 0.0)
-        los, sides, distance = (
-            cells.mean(near.los_cam),
-            map(cells.mean, (near.by_column, near.by_row)),
-            cells.mean(near.across_m),
-        )
+        los, by_column, by_row = (cells.mean(one) for one in (near.los_cam, near.by_column, near.by_row))
         ray, _, rise = Limb(pose.cam_from_itrs, pose.r_itrs, axes_m).seen(los)
-        near = NearPixels(near.columns, near.rows, los, *sides, ray, distance, rise, near.every)
+        distance = cells.mean(near.across_m)
+        near = NearPixels(near.columns, near.rows, los, by_column, by_row, ray, distance, rise, near.every)
     by_pose = np.concatenate([near.ray.by_rotation(near.los_cam), near.ray.by_position, -np.ones((1, len(values)))])
     bent = np.zeros((len(values), 2))
     if camera.projection != "equal_angle":

@@ -91,8 +91,8 @@ def profile_pixels(
     """
     bottom_m, top_m = between_m
     axes = ellipsoid.axes_m + pose.height_m
-    reach = WIDER * np.array([top_m, -bottom_m]) / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
-    near = near_pixels(camera, pose, axes, *reach, MOST_PIXELS)
+    per_m = WIDER / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
+    near = near_pixels(camera, pose, axes, top_m * per_m, -bottom_m * per_m, MOST_PIXELS)
     inside = (near.ray.height_m > bottom_m) & (near.ray.height_m < top_m)
     inside &= np.isfinite(image[near.rows, near.columns])
     for place, size in ((near.columns, camera.width), (near.rows, camera.height)):
