@@ -12,9 +12,6 @@ the normal matrix of a shot is ::
 
 The air is eliminated first (Cholesky), then ``x`` (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon,
 "Bundle adjustment", 2000, section 6); what remains of all shots is summed with the prior of ``c``.
-
-**Damping** adds ``lambda`` to the matrix in units of the unknowns' scales: the priors' standard deviations, or what the
-derivatives reach where nothing is known before (K. Levenberg, Q. Appl. Math. 2, 164, 1944).
 """
 
 from __future__ import annotations
@@ -294,17 +291,15 @@ class Eliminated:
     ``normal``: shape (x + c, x + c); raises ``LinAlgError`` where there is no solution.
     """
 
-    def __init__(self, equations: ShotEquations, damping: float, scales: FloatArray | None) -> None:
+    def __init__(self, equations: ShotEquations) -> None:
         if not all(np.isfinite(one).all() for one in (equations.normal, equations.air, equations.mixed)):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         # Symmetric: the transpose is the matrix in the order that the factorisation overwrites.
         air = equations.air.copy().T
-        air[np.diag_indices(len(air))] += 1.0 + damping
+        air[np.diag_indices(len(air))] += 1.0
         self._root = root_of(air)
         self._half = self._forward(equations.mixed.T)
         self.normal = equations.normal - self._half.T @ self._half
-        if scales is not None:
-            self.normal[np.diag_indices(len(scales))] += damping / scales**2
 
     def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return right sides (x + c,), (a,) with the air eliminated, and what the air needs of them."""
@@ -388,7 +383,7 @@ Parts = Sequence[FloatArray]
 class Step:
     """A step of a bundle.
 
-    ``parts``: the step; ``sides``: the right sides of undamped equations there, half the gradient of the merit;
+    ``parts``: the step; ``sides``: the right sides of the equations there, half the gradient of the merit;
     ``square``: squared length of the reported part (of the shared unknowns', where there are any) in its covariance;
     ``gained``: predicted decrease of the merit.
     """
@@ -442,15 +437,15 @@ def _added(one: Parts, share: float, other: Parts) -> list[FloatArray]:
 
 
 class Solved:
-    """The equations of a bundle with everything eliminated but what all shots share, damped by ``damping``."""
+    """The equations of a bundle with everything eliminated but what all shots share."""
 
-    def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
+    def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations]) -> None:
         self._bundle, self._free, self._sigmas = bundle, bundle.free, bundle.sigmas[bundle.free]
         self._airless, self._inverse, self._gains = [], [], []
         # In units of the priors' sigmas: their own information is the unit matrix.
-        total = np.eye(len(self._free)) * (1.0 + damping)
+        total = np.eye(len(self._free))
         for shot, one in zip(bundle.shots, equations, strict=True):
-            airless, count = Eliminated(one, damping, _scales(shot) if damping > 0.0 else None), shot.count
+            airless, count = Eliminated(one), shot.count
             inverse = scaled_inverse(airless.normal[:count, :count])
             gain = inverse @ airless.normal[:count, count:]
             total += (airless.normal[count:, count:] - airless.normal[count:, :count] @ gain) * np.outer(
@@ -535,7 +530,7 @@ def _reported_square(pose: LimbPose, step: FloatArray, covariance: FloatArray) -
 
 
 def right_sides(bundle: Bundle, equations: Sequence[ShotEquations]) -> Parts:
-    """Return the right sides of undamped equations with these derivatives and the present residuals."""
+    """Return the right sides of the equations with these derivatives and the present residuals."""
     free = bundle.free
     of_shared = np.zeros(SHARED)
     of_shared[free] = -bundle.shared[free] / bundle.sigmas[free] ** 2
@@ -545,18 +540,6 @@ def right_sides(bundle: Bundle, equations: Sequence[ShotEquations]) -> Parts:
         of_shared[free] += right[shot.count :]
         sides += [right[: shot.count], of_air]
     return sides
-
-
-def _scales(shot: Shot) -> FloatArray:
-    """Return the scales of a shot's unknowns, shape (x,), for the damping: of their priors, or what a step reaches."""
-    scales = np.empty(shot.count)
-    for number in range(shot.count):
-        unit = np.zeros(shot.count)
-        unit[number] = 1.0
-        scales[number] = 1.0 / max(shot.reach(unit, np.zeros(SHARED)), 1e-12)
-    information = np.diag(shot.prior.information)
-    scales[:POSE] = np.minimum(scales[:POSE], 1.0 / np.sqrt(np.maximum(information, 1e-24)))
-    return scales
 
 
 def scaled_inverse(matrix: FloatArray) -> FloatArray:

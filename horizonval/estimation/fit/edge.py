@@ -21,6 +21,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     EdgeProfile,
@@ -70,33 +71,6 @@ class EdgePixels(LimbPixels):
     modes: FloatArray
     motion: FloatArray
     curve: float
-
-
-@dataclass(frozen=True)
-class EdgeKnown:
-    """What is known of a limb's edge.
-
-    ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation
-    of its logarithm; ``scale_height_m``, ``scale_sigma_m``: of the soft limb, both 0 for a hard one; ``middle_m``,
-    ``middle_sigma_m``: height of the limb and scale height together, infinite sigma where only each is known.
-    """
-
-    blur_px: float
-    blur_log_sigma: float
-    scale_height_m: float
-    scale_sigma_m: float
-    middle_m: float = 0.0
-    middle_sigma_m: float = np.inf
-
-    @property
-    def soft(self) -> bool:
-        """Whether the limb may be soft."""
-        return self.scale_height_m > 0.0 or self.scale_sigma_m > 0.0
-
-    @property
-    def own(self) -> FloatArray:
-        """Own unknowns of an image at the prior's values, shape (2,)."""
-        return np.array([0.5 * np.log(self.blur_px**2 + PIXEL_VARIANCE), self.scale_height_m])
 
 
 @dataclass(frozen=True)
@@ -159,9 +133,9 @@ class EdgeLinear:
 
 
 class EdgeModel:
-    """The pixels of one image near the limb."""
+    """The pixels of one image near the limb; ``known``: the image's share of what is known of the limb."""
 
-    def __init__(self, pixels: EdgePixels, known: EdgeKnown) -> None:
+    def __init__(self, pixels: EdgePixels, known: LimbKnowledge) -> None:
         self.pixels, self.known = pixels, known
         self._px_per_m = float(np.abs(pixels.motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
@@ -188,7 +162,9 @@ class EdgeModel:
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
         known, rows = self.known, self._prior_rows[self._held]
-        off = np.array([*(known.own - own), known.middle_m - pose.height_m - own[1]]) * rows.max(axis=1)
+        off = np.array(
+            [*(known.own - own), known.mean.height_m + known.scale_height_m - pose.height_m - own[1]]
+        ) * rows.max(axis=1)
         return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
 
     def reach(self, step: FloatArray) -> float:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
-from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.edge import EdgeModel, EdgePixels
 from horizonval.estimation.fit.heights import ArcPlaces
 from horizonval.estimation.fit.image import POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import LimbKnowledge
@@ -94,14 +94,8 @@ class EdgeChooser:
         self.images, self.knowledge, self._whole = tuple(images), knowledge, whole
         # The scale height is common to all images, each of which states its share of what is known of it.
         share = float(np.sqrt(len(self.images)))
-        self.known = EdgeKnown(
-            knowledge.blur_px,
-            knowledge.blur_log_sigma,
-            knowledge.scale_height_m,
-            share * knowledge.scale_sigma_m,
-            knowledge.mean.height_m + knowledge.scale_height_m,
-            share * knowledge.middle_sigma_m,
-        )
+        sigmas = share * knowledge.scale_sigma_m, share * knowledge.middle_sigma_m
+        self.known = replace(knowledge, scale_sigma_m=sigmas[0], middle_sigma_m=sigmas[1])
         self._basis_body: FloatArray | None = None
         self._heights: _Heights | None = None
         self._most: int | None = None

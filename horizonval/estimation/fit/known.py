@@ -30,6 +30,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import Relief, limb_height_m, reliefs
 from horizonval.estimation.fit.heights import BLUR_PX, SUN_SIGMA_RAD, LimbHeights, UnevenLimb, band_heights
 from horizonval.estimation.fit.image import LENS
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
@@ -106,6 +107,16 @@ class LimbKnowledge:
     middle_sigma_m: float = np.inf
     lens_sigmas: FloatArray = field(default_factory=lambda: np.zeros(LENS))
     sliver: Sliver | None = None
+
+    @property
+    def soft(self) -> bool:
+        """Whether the limb may be soft."""
+        return self.scale_height_m > 0.0 or self.scale_sigma_m > 0.0
+
+    @property
+    def own(self) -> FloatArray:
+        """Own unknowns of an image at the prior's values, ln blur and scale height, shape (2,)."""
+        return np.array([0.5 * np.log(self.blur_px**2 + PIXEL_VARIANCE), self.scale_height_m])
 
     def in_wider_pixels(self, scale: int) -> LimbKnowledge:
         """Return what is known of the same limb in pixels ``scale`` times as wide."""

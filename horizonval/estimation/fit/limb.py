@@ -33,7 +33,7 @@ UNLIT = 3.0
 """Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 0.02
 """Probability with which chance alone makes sectors scatter by what counts as more."""
-OPTIONS = SolverOptions(stages=(Stage(tolerance=0.1),), most_steps=60, frozen=0.1)
+OPTIONS = SolverOptions(stages=(Stage(tolerance=0.1, reselect_px=1.0),), most_steps=60, frozen=0.1)
 """Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
 height, where they are hard to tell apart, take many steps."""
 
