@@ -162,9 +162,8 @@ class EdgeModel:
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
         known, rows = self.known, self._prior_rows[self._held]
-        off = np.array(
-            [*(known.own - own), known.mean.height_m + known.scale_height_m - pose.height_m - own[1]]
-        ) * rows.max(axis=1)
+        middle_m = known.mean.height_m + known.scale_height_m - pose.height_m - own[1]
+        off = np.array([*(known.own - own), middle_m]) * rows.max(axis=1)
         return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
 
     def reach(self, step: FloatArray) -> float:

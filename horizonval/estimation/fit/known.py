@@ -146,20 +146,37 @@ def sphere_knowledge(
     information[3:6, 3:6] = across / FIXED_LENGTH_M**2 + along / max(altitude_sigma_m, FIXED_LENGTH_M) ** 2
     information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
     pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
-    return Ellipsoid(radius_m, radius_m), pose, information
+    return sphere(radius_m), pose, information
 
 
-def tilted_to(
-    mean: LimbPose, information: FloatArray, nadir_cam: FloatArray, sigma_rad: float
-) -> tuple[LimbPose, FloatArray]:
-    """Return pose and information of a sphere fit (:func:`sphere_knowledge`) with a rough direction of the nadir.
+def sphere_start(
+    observation: Observation, los: FloatArray, *, in_body_axes: bool = False
+) -> tuple[LimbPose, LimbKnowledge]:
+    """Return start and knowledge of a sphere fit by points of the limb, unit lines of sight (n, 3).
 
-    ``nadir_cam``: shape (3,), unit vector, right to ``sigma_rad`` in each of two directions across it.
+    Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
+    altitude the limb is taken for the sphere. A rough direction of the nadir is a prior of the tilts. Raises
+    ``LinAlgError``: no cone of a planet's limb.
     """
-    mean = turned_to(mean, -nadir_cam * np.linalg.norm(mean.r_itrs))
-    information = information.copy()
-    information[:3, :3] += (np.eye(3) - np.outer(nadir_cam, nadir_cam)) / sigma_rad**2
-    return mean, information
+    prior = observation.prior
+    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
+    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
+    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
+    r = position_from_limb(los, np.eye(3), sphere(radius + height))
+    altitude, sigma = float(np.linalg.norm(r)) - radius, np.inf
+    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
+    nadir = -r / np.linalg.norm(r)
+    planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
+    if prior.nadir_cam is not None and prior.rough_nadir is not None and not in_body_axes:
+        rough, sigma_rad = prior.rough_nadir
+        mean = turned_to(mean, -rough * np.linalg.norm(mean.r_itrs))
+        information[:3, :3] += (np.eye(3) - np.outer(rough, rough)) / sigma_rad**2
+    of_height = known and not in_body_axes
+    knowledge = knowledge_in_air(
+        observation, planet, mean, information, flattened, of_height=of_height, in_body_axes=in_body_axes
+    )
+    return LimbPose(np.eye(3), r, height), knowledge
 
 
 def placed_knowledge(
