@@ -65,8 +65,6 @@ MISPLACED_PX = 0.05
 """Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
 of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
 the limb."""
-DARKEST_SIGMA_RAD = 0.3
-"""Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 MOST_PIXELS = 4000
 """Number of pixels and cells of an image from which it is fitted by cells."""
 
@@ -248,37 +246,23 @@ def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -
     first, span = float(everywhere[order[0]]), float(along[-1])
     axes = knowledge.ellipsoid.axes_m + body.height_m
     rho = float(np.arcsin(min(float(axes[0]) / float(np.linalg.norm(body.r_itrs)), 1.0)))
-    uneven, sliver = knowledge.uneven, knowledge.sliver
-    if uneven is None:
+    if knowledge.uneven is None:
         nodes, modes = relief_modes(span, knowledge.reliefs, knowledge.flattened_m, rho)
-        lift = np.zeros(len(nodes))
-    else:
-        nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
-    if uneven is not None or sliver is not None:
-        seen = np.concatenate([limb.pixels.azimuth[limb.on_limb] for limb in limbs])
-        widths = np.concatenate([limb.pixels.width_m[limb.on_limb] for limb in limbs])
-        pixel_m = np.interp(nodes + first, seen, widths, period=2.0 * np.pi)
-    if uneven is not None:
-        lift, covariance = uneven.along(_places(nodes + first, body, rho, pixel_m), nodes)
-        modes = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
-    if sliver is not None:
-        u, v = sliver.darkest @ tangent_basis(body.nadir_cam)
-        away = nodes + first - np.arctan2(v, u)
-        unlit = sliver.depth_px * pixel_m * np.maximum(np.cos(away), 0.0)
-        depth = unlit * np.cos(away)
-        lift = lift - depth
-        modes = np.concatenate([modes, [depth, DARKEST_SIGMA_RAD * 2.0 * unlit * np.sin(away)]])
-    return _Heights(first, nodes, lift, modes, misplaced=uneven is None and bool(knowledge.reliefs))
-
-
-def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:
-    """Return places along the limb at azimuths (m,) about the nadir."""
-    nadir = pose.nadir_cam
-    basis = tangent_basis(nadir)
-    outwards = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
-    los = np.cos(rho_rad) * nadir + np.sin(rho_rad) * outwards
-    up = np.cos(rho_rad) * outwards - np.sin(rho_rad) * nadir
-    return ArcPlaces(los, up, pose.cam_from_itrs, pixel_m)
+        return _Heights(first, nodes, np.zeros(len(nodes)), modes, misplaced=bool(knowledge.reliefs))
+    nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
+    azimuth, nadir = nodes + first, body.nadir_cam
+    seen = np.concatenate([limb.pixels.azimuth[limb.on_limb] for limb in limbs])
+    widths = np.concatenate([limb.pixels.width_m[limb.on_limb] for limb in limbs])
+    outwards = (tangent_basis(nadir) @ np.array([np.cos(azimuth), np.sin(azimuth)])).T
+    places = ArcPlaces(
+        np.cos(rho) * nadir + np.sin(rho) * outwards,
+        np.cos(rho) * outwards - np.sin(rho) * nadir,
+        body.cam_from_itrs,
+        np.interp(azimuth, seen, widths, period=2.0 * np.pi),
+    )
+    lift, covariance = knowledge.uneven.along(places, nodes)
+    modes = modes_of(covariance + oblate_covariance(azimuth, knowledge.flattened_m, rho))
+    return _Heights(first, nodes, lift, modes, misplaced=False)
 
 
 LEFT_OUT = 1e-3

@@ -46,19 +46,6 @@ FIXED_ANGLE_RAD = 1e-3
 
 
 @dataclass(frozen=True)
-class Sliver:
-    """The unlit part of a disc: at the angle ``a`` from the darkest point of the limb the terminator lies ``depth cos^2
-    a`` inside of it, on that half of the disc.
-
-    ``darkest``: shape (3,), direction from the nadir to that point, in the axes of the knowledge; ``depth_px``: mean,
-    and as much for its standard deviation.
-    """
-
-    darkest: FloatArray
-    depth_px: float
-
-
-@dataclass(frozen=True)
 class LimbKnowledge:
     """What is known beside the image.
 
@@ -90,8 +77,6 @@ class LimbKnowledge:
     lens_sigmas : ndarray, shape (4,)
         Of errors of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for
         what is exact.
-    sliver : Sliver, optional
-        What of a whole disc the Sun may not light.
     """
 
     ellipsoid: Ellipsoid
@@ -106,7 +91,6 @@ class LimbKnowledge:
     uneven: LimbHeights | None = None
     middle_sigma_m: float = np.inf
     lens_sigmas: FloatArray = field(default_factory=lambda: np.zeros(LENS))
-    sliver: Sliver | None = None
 
     @property
     def soft(self) -> bool:

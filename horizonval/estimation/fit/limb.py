@@ -29,8 +29,6 @@ from horizonval.geometry.camera import CameraModel
 
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
-UNLIT = 3.0
-"""Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 0.02
 """Probability with which chance alone makes sectors scatter by what counts as more."""
 OPTIONS = SolverOptions(stages=(Stage(tolerance=0.1, reselect_px=1.0),), most_steps=60, frozen=0.1)
@@ -125,7 +123,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         residuals_rad=places[0].off_rad,
         levels=places[0].levels,
         scatter=ratio,
-        uneven_px=0.0 if knowledge.sliver is None else UNLIT * knowledge.sliver.depth_px,
+        uneven_px=0.0,
         steps=solution.steps[0],
     )
 
