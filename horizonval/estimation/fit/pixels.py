@@ -314,7 +314,7 @@ class LimbPixels:
         """What a pixel sees across the limb, shape (n,)."""
         return np.hypot(*self.gradient)
 
-    def of(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    def of(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> dict[str, FloatArray]:
         """Return the arrays of some pixels, by their numbers or by a mask."""
         arrays = {name: one for name, one in vars(self).items() if isinstance(one, np.ndarray) and name != "lens"}
         return {name: np.ascontiguousarray(one[..., which]) for name, one in arrays.items() if name != "width_m"}
