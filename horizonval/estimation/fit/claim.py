@@ -31,9 +31,6 @@ from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-KNOWN_SIGMAS = 2.0
-"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
-
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
     """Return the fit of the limb near a start; ``picture`` is the observation's image."""
@@ -61,8 +58,6 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
     return claimed if refusal is None else refusal
 
 
-WHOLE_RAD = float(np.deg2rad(270.0))
-"""Azimuth in view from which a limb is that of a disc: the Sun lights all of it only from behind the camera."""
 DIMMED_PX = 0.5 * INSIDE_PX
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
@@ -110,7 +105,8 @@ def _round(azimuth: FloatArray) -> bool:
         return False
     azimuth = np.sort(azimuth)
     gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
-    return 2.0 * np.pi - gap >= WHOLE_RAD
+    # The Sun lights so much of a limb only from behind the camera.
+    return 2.0 * np.pi - gap >= np.radians(270.0)
 
 
 def _fitted(
@@ -140,7 +136,8 @@ def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) ->
     if knowledge.uneven is None and not knowledge.reliefs:
         return 1
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
-    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
+    # Where the limb's shape is known, a pixel may cover less.
+    deep_m = min(knowledge.scale_height_m, 2.0 * knowledge.scale_sigma_m)
     return scale_as_deep(camera, pixel_m, deep_m)
 
 

@@ -39,7 +39,8 @@ from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pixels import LimbPixels
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 
-BLUR, SCALE = POSE + LENS, POSE + LENS + 1
+BLUR = POSE + LENS
+SCALE = BLUR + 1
 """Places of an image's own unknowns among those that it has with shot and camera."""
 LARGEST_MOTION_PX, LARGEST_SCALE_STEP_PX, LARGEST_LOG_STEP = 2.0, 0.25, 0.5
 """Largest step of limb, scale height and ln blur for which the derivatives hold; the last also as a share of the scale
@@ -49,8 +50,6 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 HELD = 30.0
 """Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
 pose than the start's: a limb out of its place looks soft."""
-LEAST_SAG = 0.5
-"""Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 
 
 @dataclass(frozen=True)
@@ -247,8 +246,9 @@ class EdgeModel:
         across, by_turn = pixels.moved(pose, lens)
         across = across + pixels.by_pose[POSE - 1] * (pixels.lift_m + air @ pixels.modes)
         if self.known.soft:
-            # Outside the limb a ray passes lower than its distance from the limb: 0.4 % at 8 km seen from 500 km.
-            lower = np.maximum(1.0 - pixels.curve * np.maximum(across, 0.0), LEAST_SAG)
+            # Outside the limb a ray passes lower than its distance from the limb: 0.4 % at 8 km seen from 500 km. Half
+            # is far above any air and keeps the exponential edge monotonic.
+            lower = np.maximum(1.0 - pixels.curve * np.maximum(across, 0.0), 0.5)
             soft = 1.0 / (pixels.width_m * lower)
         x = -(across + blur**2 * pixels.bend_m) / pixels.width_m
         wide = np.sqrt(blur**2 + pixels.spread_px2)

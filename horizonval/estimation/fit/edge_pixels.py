@@ -17,7 +17,7 @@ A sphere fitted to the oblate Earth has a second relief. The limb of a planet of
 sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb; its covariance over all poles
 (:mod:`horizonval.earth.limb_heights`) is added to ``K``.
 
-Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
+Modes that together hold less than a thousandth of the variance are left out; between nodes the modes are linear.
 """
 
 from __future__ import annotations
@@ -57,10 +57,6 @@ from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import tangent_basis
 
-BLURS = 3.0
-"""Additional width of the window for a blurred limb, in blurs: half the width of the edge."""
-SHORTEST_RAD = 0.05
-"""Correlation length of cloud heights at the Earth's centre: 3 deg."""
 MISPLACED_PX = 0.05
 """Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
 of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
@@ -140,7 +136,7 @@ class EdgeChooser:
         camera, pose = with_errors(one.camera, lens), body.of_camera(one.cam_from_body)
         axes = self.knowledge.ellipsoid.axes_m + pose.height_m
         # Three blurs are half the width of an edge.
-        wide = BLURS * max(blur_px - 1.0, 0.0)
+        wide = 3.0 * max(blur_px - 1.0, 0.0)
         soft = OUTSIDE_SCALES * scale_m / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
         outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
         near = near_pixels(camera, pose, axes, outside, inside, most)
@@ -249,7 +245,8 @@ def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -
     if knowledge.uneven is None:
         nodes, modes = relief_modes(span, knowledge.reliefs, knowledge.flattened_m, rho)
         return _Heights(first, nodes, np.zeros(len(nodes)), modes, misplaced=bool(knowledge.reliefs))
-    nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
+    # Cloud heights are correlated over 3 deg at the Earth's centre.
+    nodes = relief_nodes(span, 0.05 / float(np.cos(rho)))
     azimuth, nadir = nodes + first, body.nadir_cam
     seen = np.concatenate([limb.pixels.azimuth[limb.on_limb] for limb in limbs])
     widths = np.concatenate([limb.pixels.width_m[limb.on_limb] for limb in limbs])
@@ -265,20 +262,11 @@ def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -
     return _Heights(first, nodes, lift, modes, misplaced=False)
 
 
-LEFT_OUT = 1e-3
-"""Neglected share of the heights' variance: 3 % of their standard deviation, in waves too short to act as a tilt."""
-NODES_PER_LENGTH = 2.0
-"""Per correlation length: a Gaussian covariance sampled at half of its length loses 2e-4 of its variance between."""
-MOST_NODES = 96
-"""Largest number of nodes: a circle of 6.3 rad at 0.13 rad. Shorter reliefs are averaged over a node, as a tilt
-does."""
-OBLATE_LENGTH_RAD = 0.5
-"""Correlation length for the nodes of an ellipsoid's limb, two waves round a circle."""
-
-
 def relief_nodes(span_rad: float, shortest_rad: float) -> FloatArray:
     """Return azimuths [rad], shape (m,), from 0 to the span, close enough for a relief of that correlation length."""
-    count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest_rad) + 1, 3, MOST_NODES))
+    # Two nodes to a correlation length lose 2e-4 of the variance between them. A circle has 6.3 rad at 0.13 rad;
+    # shorter reliefs are averaged over a node, as a tilt does.
+    count = int(np.clip(np.ceil(2.0 * span_rad / shortest_rad) + 1, 3, 96))
     return np.linspace(0.0, span_rad, count)
 
 
@@ -293,7 +281,8 @@ def relief_modes(
     """
     if not reliefs and flattened_m == 0.0:
         return np.array([0.0, span_rad]), np.zeros((0, 2))
-    shortest = min([relief.correlation_rad for relief in reliefs] or [OBLATE_LENGTH_RAD])
+    # The limb of an ellipsoid has two waves round a circle.
+    shortest = min([relief.correlation_rad for relief in reliefs] or [0.5])
     nodes = relief_nodes(span_rad, shortest)
     width = nodes[1] - nodes[0]
     apart = np.abs(nodes[:, None] - nodes[None, :])
@@ -320,5 +309,6 @@ def modes_of(covariance: FloatArray) -> FloatArray:
     """Return the modes, shape (k, m), of a covariance of heights (m, m)."""
     variance, vectors = np.linalg.eigh(covariance)
     variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
-    kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
+    # What is left out is 3 % of their standard deviation, in waves too short to act as a tilt.
+    kept = int(np.searchsorted(np.cumsum(variance), 0.999 * variance.sum())) + 1
     return np.asarray(np.sqrt(variance[:kept])[:, None] * vectors.T[:kept])

@@ -41,8 +41,6 @@ from horizonval.geometry.horizon import fit_cone
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
-FIXED_ANGLE_RAD = 1e-3
-"""Prior standard deviation of a turn about the nadir, which a sphere does not show: two tilts together make more."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,8 @@ def sphere_knowledge(
     along = np.outer(n, n)
     across = np.eye(3) - along
     information = np.zeros((7, 7))
-    information[:3, :3] = along / FIXED_ANGLE_RAD**2
+    # A milliradian about the nadir: two tilts together make a turn, too.
+    information[:3, :3] = along / 1e-3**2
     information[3:6, 3:6] = across / FIXED_LENGTH_M**2 + along / max(altitude_sigma_m, FIXED_LENGTH_M) ** 2
     information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
     pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
@@ -213,11 +212,6 @@ def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid
     return np.asarray(-ellipsoid.axes_m * cone.axis_cam / sin_rho)
 
 
-MIDDLE_SIGMA_M = 1e3
-"""Standard deviation of the middle height of a known profile: sunlit limbs of one air scatter by 0.8 km, plus a
-margin."""
-
-
 def limb_height_prior(observation: Observation) -> tuple[float, float]:
     """Return mean and standard deviation [m] of the limb's height: the prior's, or uniform over the band's range.
 
@@ -281,9 +275,9 @@ def knowledge_in_air(
         reliefs=knowledge.reliefs,
         typical_m=mean.height_m if of_height and not given else None,
     )
-    # What bands show of the air's height is seen from above all of it.
+    # What bands show of the air's height is seen from above all of it. Sunlit limbs of one air scatter by 0.8 km.
     known = of_height and not given and altitude_in_air_m(prior) is None
-    return replace(knowledge, uneven=uneven, middle_sigma_m=MIDDLE_SIGMA_M if known else np.inf)
+    return replace(knowledge, uneven=uneven, middle_sigma_m=1e3 if known else np.inf)
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,6 @@ from horizonval.geometry.camera import CameraModel
 
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
-SCATTERED = 0.02
-"""Probability with which chance alone makes sectors scatter by what counts as more."""
 OPTIONS = SolverOptions(
     stages=(Stage(tolerance=1.0, reselect_px=3.0), Stage(tolerance=0.1, reselect_px=1.0)), most_steps=60, frozen=0.1
 )
@@ -134,8 +132,8 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
 def scatter(places: Sequence[SectorPlaces]) -> float:
     """Return chi-squared per degree of freedom of the sectors' positions, of all images.
 
-    Expected are noise and relief with their correlation along the limb. The result is 1 if chance explains the scatter;
-    beyond, it is increased by the uncertainty of so few sectors.
+    Expected are noise and relief with their correlation along the limb. The result is 1 if chance makes as much in more
+    than a fiftieth of limbs; beyond, it is increased by the uncertainty of so few sectors.
     """
     off = np.concatenate([one.off_rad for one in places])
     information = np.concatenate([one.information for one in places])
@@ -147,4 +145,4 @@ def scatter(places: Sequence[SectorPlaces]) -> float:
     covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
     ratio = float(off[seen] @ np.linalg.solve(covariance, off[seen])) / free
     # A variance of so few is not known well: that of Student's distribution.
-    return ratio * free / max(free - 2, 1) if ratio * free > chdtri(free, SCATTERED) else 1.0
+    return ratio * free / max(free - 2, 1) if ratio * free > chdtri(free, 0.02) else 1.0

@@ -46,15 +46,10 @@ from horizonval.estimation.limb.picture import pixel_directions
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import cross
 
-LEAST_ROOT = 0.01
-"""Smallest root of a height seen from itself: higher rays pass above the observer."""
 SQUARE_PX = 8
 """Side of the squares that the search for near pixels starts with."""
 FEWEST_LIMB_PX = 8
 """Smallest limb in view [px]: seven unknowns and a level."""
-CELL_PX, EDGE_PX = 0.5, 4.0
-"""Depth of cells at the edge, and how far the edge reaches; beside it they are four times as deep. Half a pixel adds
-0.02 px^2 to the blur's 0.6, and its fourth moment changes the edge by less than 1e-4 of the step."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +88,11 @@ def ray_height(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
 
 
 def level_distance(height_m: FloatArray, curve: float) -> tuple[FloatArray, FloatArray]:
-    """Return the distances across a limb that belong to heights above it, and their derivative."""
-    root = np.sqrt(np.maximum(1.0 - 4.0 * curve * height_m, LEAST_ROOT))
+    """Return the distances across a limb that belong to heights above it, and their derivative.
+
+    Rays higher than the root's least value pass above the observer.
+    """
+    root = np.sqrt(np.maximum(1.0 - 4.0 * curve * height_m, 0.01))
     return 2.0 * height_m / (1.0 + root), 1.0 / root
 
 
@@ -398,18 +396,19 @@ class _Cells:
     """
 
     def __init__(self, x: FloatArray, azimuth: FloatArray, most: int) -> None:
-        wide = 4.0 * CELL_PX
-        edges = np.arange(-EDGE_PX, EDGE_PX + 0.5 * CELL_PX, CELL_PX)
-        beside = np.arange(-EDGE_PX, x.min(), -wide)[:0:-1], np.arange(EDGE_PX, x.max(), wide)[1:]
+        # Half a pixel adds 0.02 px^2 to the blur's 0.6; its fourth moment changes the edge by 1e-4 of the step.
+        deep, wide, end = 0.5, 2.0, 4.0
+        edges = np.arange(-end, end + 0.5 * deep, deep)
+        beside = np.arange(-end, x.min(), -wide)[:0:-1], np.arange(end, x.max(), wide)[1:]
         depth = np.searchsorted(np.concatenate([beside[0], edges, beside[1]]), x)
-        deep = int(depth.max()) + 1
+        layers = int(depth.max()) + 1
         order, along = from_widest_gap(azimuth)
-        count = max(most // deep, 1)
+        count = max(most // layers, 1)
         turned = np.empty(len(order))
         turned[order] = along
         arc = np.minimum((turned * (count / max(along[-1], 1e-300))).astype(np.intp), count - 1)
-        self._number = arc * deep + depth
-        every = np.bincount(self._number, minlength=count * deep)
+        self._number = arc * layers + depth
+        every = np.bincount(self._number, minlength=count * layers)
         self._used = np.flatnonzero(every)
         self.counts = every[self._used].astype(np.float64)
         self.azimuth = np.mod(self.mean(turned) + azimuth[order[0]], 2.0 * np.pi)

@@ -29,14 +29,6 @@ class NoLimbError(np.linalg.LinAlgError):
     """Nothing in the image resembles the predicted limb; other errors of the equations mean divergence."""
 
 
-NODE_RAD = 0.035
-"""Node spacing at the Earth's centre: a sixth of the air's correlation length. Linear interpolation leaves 0.4 % of a
-mode's standard deviation; with half of the length 3 % of one sign would remain, which confuses tilt with height."""
-MOST_SECTORS = 64
-BORDER_PX = 2
-"""Width of the image's border that is left out: light from outside, and the change of scale, are unknown there."""
-WIDER = 1.5
-"""Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
 MOST_PIXELS = 3000
 """Number of pixels near a limb: one to two times as many are used, evenly spread. More determine nothing that the air
 leaves open."""
@@ -91,12 +83,14 @@ def profile_pixels(
     """
     bottom_m, top_m = between_m
     axes = ellipsoid.axes_m + pose.height_m
-    per_m = WIDER / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
+    # A lens's scale may be so much larger at its border than in the middle.
+    per_m = 1.5 / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
     near = near_pixels(camera, pose, axes, top_m * per_m, -bottom_m * per_m, MOST_PIXELS)
     inside = (near.ray.height_m > bottom_m) & (near.ray.height_m < top_m)
     inside &= np.isfinite(image[near.rows, near.columns])
+    # At the image's border light from outside, and the change of scale, are unknown.
     for place, size in ((near.columns, camera.width), (near.rows, camera.height)):
-        inside &= (place >= BORDER_PX) & (place < size - BORDER_PX)
+        inside &= (place >= 2) & (place < size - 2)
     near = near.take(inside)
     on_limb = np.abs(near.ray.height_m) < 0.5 * near.width_m
     limb_px = int(on_limb.sum())
@@ -108,7 +102,10 @@ def profile_pixels(
     if nodes is None:
         order, turned = from_widest_gap(azimuth)
         at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
-        count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
+        # Nodes are apart by a sixth of the air's correlation length, as seen from the Earth's centre. Linear
+        # interpolation leaves 0.4 % of a mode's standard deviation; with half of the length 3 % of one sign would
+        # remain, which confuses tilt with height.
+        count = int(np.clip(np.ceil(turned[-1] * at_centre / 0.035), 2, min(64, limb_px // 2)))
         borders = turned[np.linspace(0, len(order) - 1, count + 1).astype(np.intp)]
         along_limb = order[on_limb[order]]
         nearest = np.searchsorted(np.mod(azimuth[along_limb] - azimuth[order[0]], 2.0 * np.pi), borders)
