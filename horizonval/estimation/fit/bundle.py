@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -94,14 +94,10 @@ class Shot:
 
     def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
         """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
-        before = None if self.chosen is None else replace(self.chosen, noises=self.noises)
-        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, before)
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
         self.state = self.chosen.state
-        self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)
-        if len(self.noises) < len(looks):
-            of_all = zip(self.chosen.models, looks, self.state.own, strict=True)
-            self.noises = [model.noise(look, own, None) for model, look, own in of_all]
+        self.noises = [model.noise(look) for model, look in zip(self.chosen.models, looks, strict=True)]
         self.seen = Seen(looks, np.nan)
         self.seen = self.look(self.state, shared)
 
@@ -109,8 +105,7 @@ class Shot:
         """Estimate the noise by the residuals; return the change of the variances' logarithms, root mean square."""
         assert self.seen is not None
         before = self.noises
-        of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
-        self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
+        self.noises = [model.noise(look) for model, look in zip(self._chosen.models, self.seen.looks, strict=True)]
         self.seen = self.look(self.state, shared)
         changes = [
             np.log(new.variance * new.together / (old.variance * old.together))

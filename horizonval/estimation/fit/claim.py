@@ -9,7 +9,6 @@ the covariance is that of the copy's pixels.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,6 +21,7 @@ from horizonval.estimation.fit.light import INSIDE_PX, LIT_SHARE
 from horizonval.estimation.fit.limb import FITTED, LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.estimation.fit.profile_fit import ProfileFit
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Observation
@@ -141,24 +141,7 @@ def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) ->
     return scale_as_deep(camera, pixel_m, deep_m)
 
 
-class PoseFit(Protocol):
-    """What is claimed from; as :class:`horizonval.estimation.fit.limb.LimbFit` says."""
-
-    @property
-    def pose(self) -> LimbPose: ...
-    @property
-    def covariance(self) -> FloatArray: ...
-    @property
-    def relief_covariance(self) -> FloatArray: ...
-    @property
-    def uv(self) -> FloatArray: ...
-    @property
-    def residuals_rad(self) -> FloatArray: ...
-    @property
-    def steps(self) -> FloatArray: ...
-
-
-def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
+def fit_of(found: LimbFit | ProfileFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
     """Return a limb's fit in the form of all estimators.
 
     ``altitude_m``: distance from the Earth's centre minus the assumed sphere's radius, also for an ellipsoid. The noise

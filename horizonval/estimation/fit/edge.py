@@ -35,7 +35,6 @@ from horizonval.estimation.fit.light import (
     light_noise,
     solve_levels,
 )
-from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pixels import LimbPixels
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 
@@ -47,9 +46,6 @@ LARGEST_MOTION_PX, LARGEST_SCALE_STEP_PX, LARGEST_LOG_STEP = 2.0, 0.25, 0.5
 height, where that is more, and as the largest share of the blur's variance that makes room for a scale height."""
 LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
-HELD = 30.0
-"""Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
-pose than the start's: a limb out of its place looks soft."""
 
 
 @dataclass(frozen=True)
@@ -105,46 +101,38 @@ class EdgeLook:
         return np.repeat(levels, len(self.residuals) // len(levels), axis=0).T
 
 
-@dataclass(frozen=True)
 class EdgeLinear:
     """Normal equations of the pixels at one look; ``jacobian``: shape (13 + k, n)."""
 
     exact: ClassVar[bool] = False
-    jacobian: FloatArray
-    normal: FloatArray
 
-    @property
-    def shared(self) -> FloatArray:
-        return self.normal[: SCALE + 1, : SCALE + 1]
-
-    @property
-    def mixed(self) -> FloatArray:
-        return self.normal[: SCALE + 1, SCALE + 1 :]
-
-    @property
-    def air(self) -> FloatArray:
-        return self.normal[SCALE + 1 :, SCALE + 1 :]
+    def __init__(self, jacobian: FloatArray, normal: FloatArray) -> None:
+        self._jacobian, own = jacobian, SCALE + 1
+        self.shared, self.mixed, self.air = normal[:own, :own], normal[:own, own:], normal[own:, own:]
 
     def rights(self, look: EdgeLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides of other residuals by the same derivatives."""
-        right = self.jacobian @ (weights * look.residuals)
+        right = self._jacobian @ (weights * look.residuals)
         return right[: SCALE + 1], right[SCALE + 1 :]
 
 
 class EdgeModel:
-    """The pixels of one image near the limb; ``known``: the image's share of what is known of the limb."""
+    """The pixels of one image near the limb.
 
-    def __init__(self, pixels: EdgePixels, known: LimbKnowledge) -> None:
+    ``known``: the image's share of what is known; ``tighter``: factor on its information on blur and scale height.
+    """
+
+    def __init__(self, pixels: EdgePixels, known: LimbKnowledge, tighter: float) -> None:
         self.pixels, self.known = pixels, known
         self._px_per_m = float(np.abs(pixels.motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
-        self._held = False
         sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
         rows = np.zeros((3, SCALE + 1))
         rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
         rows /= sigmas[:, None]
-        self._prior_rows = rows, rows * np.array([[HELD], [HELD], [1.0]])
+        rows[:2] *= np.sqrt(tighter)
+        self._prior_rows = rows
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -160,7 +148,7 @@ class EdgeModel:
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
-        known, rows = self.known, self._prior_rows[self._held]
+        known, rows = self.known, self._prior_rows
         middle_m = known.mean.height_m + known.scale_height_m - pose.height_m - own[1]
         off = np.array([*(known.own - own), middle_m]) * rows.max(axis=1)
         return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
@@ -192,27 +180,14 @@ class EdgeModel:
         levels = solve_levels(seen.basis, pixels.values, weights, pixels.sectors, self._spread)
         return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
 
-    def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
+    def noise(self, look: EdgeLook) -> LightNoise:
         """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
-        pixels, self._held = self.pixels, before is None
+        pixels = self.pixels
+        places = np.array([pixels.columns, pixels.rows])
         noise, self._spread = light_noise(
-            look.seen.basis,
-            np.array([pixels.columns, pixels.rows]),
-            pixels.values,
-            pixels.counts,
-            pixels.sectors,
-            pixels.rounding,
+            look.seen.basis, places, pixels.values, pixels.counts, pixels.sectors, pixels.rounding
         )
         return noise
-
-    def noise_of(
-        self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray
-    ) -> LightNoise:
-        """Return the noise of other pixels of the image as that of these, and take over the levels' spread."""
-        self._spread = before._spread
-        seen, pixels = self._seen(pose, self.pixels.lens, own, air), self.pixels
-        levels = solve_levels(seen.basis, pixels.values, pixels.counts, pixels.sectors, self._spread)
-        return noise.at(seen.edge.level, pixels.counts, pixels.values - levels.of_pixels(seen.basis))
 
     def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
         """Return the normal equations at a look, the levels eliminated."""

@@ -39,7 +39,6 @@ from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
     OUTSIDE_SCALES,
-    LightNoise,
     from_widest_gap,
     sectors_of,
 )
@@ -92,7 +91,6 @@ class EdgeChooser:
         self.known = replace(knowledge, scale_sigma_m=sigmas[0], middle_sigma_m=sigmas[1])
         self._basis_body: FloatArray | None = None
         self._heights: _Heights | None = None
-        self._most: int | None = None
 
     def start(self, pose: LimbPose) -> ShotState:
         """Return the unknowns before the first choice, of the body's pose."""
@@ -113,15 +111,8 @@ class EdgeChooser:
         if self._heights is None:
             self._heights = _heights(limbs, state.pose, self.knowledge)
             state = replace(state, air=np.zeros(self._heights.count))
-        models = [EdgeModel(_sectors(limb, self._heights), self.known) for limb in limbs]
-        noises: list[LightNoise | None] = [None] * len(models)
-        if before is not None and most == self._most:
-            for k, (model, own) in enumerate(zip(models, state.own, strict=True)):
-                was, noise = before.models[k], before.noises[k]
-                if isinstance(was, EdgeModel) and isinstance(noise, LightNoise):
-                    noises[k] = model.noise_of(was, noise, model.pixels.pose, own, state.air)
-        self._most = most
-        return Chosen(models, [np.arange(self._heights.count)] * len(models), state, noises)
+        models = [EdgeModel(_sectors(limb, self._heights), self.known, tighter) for limb in limbs]
+        return Chosen(models, [np.arange(self._heights.count)] * len(models), state)
 
     def _limb(
         self, one: EdgeImage, body: LimbPose, blur_px: float, scale_m: float, lens: FloatArray, most: int | None

@@ -30,11 +30,14 @@ from horizonval.geometry.camera import CameraModel
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 OPTIONS = SolverOptions(
-    stages=(Stage(tolerance=1.0, reselect_px=3.0), Stage(tolerance=0.1, reselect_px=1.0)), most_steps=60, frozen=0.1
+    stages=(Stage(tighter=900.0, tolerance=1.0, reselect_px=3.0), Stage(tolerance=0.1, reselect_px=1.0)),
+    most_steps=60,
+    frozen=0.1,
 )
-"""The last stage chooses the pixels about a limb that is right to a standard deviation, so that the answer depends
-little on the start. Equations of the edge cost little more than a look at it: derivatives are frozen at the end only.
-Blur and scale height, where they are hard to tell apart, take many steps."""
+"""First blur and scale height are held to a thirtieth of their priors' standard deviations: a limb out of its place
+looks soft. The last stage chooses the pixels about a limb that is right to a standard deviation, so that the answer
+depends little on the start. Equations of the edge cost little more than a look at it: derivatives are frozen at the end
+only. Blur and scale height, where they are hard to tell apart, take many steps."""
 
 
 @dataclass(frozen=True)

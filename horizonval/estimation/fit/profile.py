@@ -285,7 +285,7 @@ class ProfileModel:
         before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
         return np.asarray(np.exp(look.own[GAIN]) * self.near.light * (before + look.share * (after - before)))
 
-    def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: ProfileLook) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
         neglected = self.neglected(look) ** 2
@@ -468,7 +468,7 @@ class ProfileChooser:
             # Unknowns at other nodes say nothing of these.
             known = state.air if same_air else np.zeros(0)
             state = replace(state, air=np.append(known, np.zeros(air.count - len(known))))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), whole)
+        return ProfileChosen(models, air.columns, state, whole)
 
     def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
         """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""
