@@ -1,8 +1,4 @@
-"""The pixels for a fit of the limb's edge, and the heights of the limb along it.
-
-**Pixels.** Those within a window about the limb. Where they are more than the fit needs (:data:`MOST_PIXELS`), pixels
-at one distance from the limb and near each other are replaced by their mean: cells are half a pixel deep at the edge
-and wider beside it, and the variance of the distances in a cell is a part of its blur.
+"""The pixels for a fit of the limb's edge, those within a window about it, and the heights of the limb along it.
 
 **Modes.** Along the limb the height differs from its mean by a random function of azimuth with the covariance ``K(phi)
 = s^2 exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and

@@ -45,36 +45,18 @@ LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 
 @dataclass(frozen=True)
 class LimbKnowledge:
-    """What is known beside the image.
+    """What is known of a limb besides its image.
 
-    Attributes
-    ----------
-    ellipsoid : Ellipsoid
-        Of the planet without air.
-    mean : LimbPose
-        The priors' values.
-    information : ndarray, shape (7, 7)
-        Inverse covariance about ``mean`` of a step from it: rotation vector in camera axes [rad], position [m], limb
-        height [m].
-    blur_px : float
-        Of the lens, standard deviation.
-    blur_log_sigma : float
-        Of its logarithm.
-    scale_height_m, scale_sigma_m : float
-        Of the soft limb; both 0 for a hard one.
-    reliefs : tuple of Relief
-        How the height of the limb varies along it.
-    flattened_m : float
-        Flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
-    uneven : LimbHeights, optional
-        How the height of the limb varies along it, in place of the reliefs.
-    middle_sigma_m : float
-        Of the height in which the limb's light has its middle, that of the edge and the scale height together, of which
-        ``mean`` and ``scale_height_m`` are the sum: where pixels are larger than the air is deep, no more is seen of
-        the two. Infinite where only each of them is known.
-    lens_sigmas : ndarray, shape (4,)
-        Of errors of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for
-        what is exact.
+    ``ellipsoid``: of the planet without air; ``mean``: the priors' values; ``information``: shape (7, 7), inverse
+    covariance about ``mean`` of a step from it (rotation vector in camera axes [rad], position [m], limb height [m]).
+    ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation of its logarithm; ``scale_height_m``,
+    ``scale_sigma_m``: of the soft limb, both 0 for a hard one.
+
+    ``reliefs``: how the height of the limb varies along it; ``uneven``: the same from tables of the band, in place of
+    the reliefs; ``flattened_m``: flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
+    ``middle_sigma_m``: of the height of the limb and the scale height together. Where pixels are larger than the air is
+    deep, no more is seen of the two. Infinite where only each of them is known. ``lens_sigmas``: shape (4,), of errors
+    of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for what is exact.
     """
 
     ellipsoid: Ellipsoid
