@@ -49,8 +49,8 @@ class LimbFit:
     ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
     and on the Earth, in grey levels. ``uv`` (m, 2): a point on each sector's limb in the first
     image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
-    ``levels`` (m,): the Earth's brightness there above space; ``uneven_px``: by how much an unlit sliver may have the limb
-    depart from a circle. ``steps``: shape (k, 7).
+    ``levels`` (m,): the Earth's brightness there above space; ``uneven_px``: by how much an unlit sliver may have the
+    limb depart from a circle. ``steps``: shape (k, 7).
     """
 
     pose: LimbPose
