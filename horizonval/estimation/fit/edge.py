@@ -127,12 +127,7 @@ class EdgeModel:
         self._px_per_m = float(np.abs(pixels.motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
-        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
-        rows = np.zeros((3, SCALE + 1))
-        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
-        rows /= sigmas[:, None]
-        rows[:2] *= np.sqrt(tighter)
-        self._prior_rows = rows
+        self._tighter = tighter
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -148,9 +143,12 @@ class EdgeModel:
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
-        known, rows = self.known, self._prior_rows
+        known = self.known
+        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        sigmas[:2] /= np.sqrt(self._tighter)
         middle_m = known.mean.height_m + known.scale_height_m - pose.height_m - own[1]
-        off = np.array([*(known.own - own), middle_m]) * rows.max(axis=1)
+        off, rows = np.array([*(known.own - own), middle_m]) / sigmas, np.zeros((3, SCALE + 1))
+        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0 / sigmas
         return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
 
     def reach(self, step: FloatArray) -> float:
@@ -236,14 +234,13 @@ class SectorPlaces:
     """What every sector shows.
 
     ``uv``: shape (m, 2), a point on its limb [px]; ``off_rad``: shape (m,), how far inside the fitted limb it shows the
-    limb, relief included; ``information``: shape (m,), inverse variance of that by noise; ``relief``: shape (k, m), the
-    limb's modes there [rad]; ``levels``: shape (m,), how much brighter than space it is inside the limb.
+    limb, relief included; ``squares``: shape (m,), squares of what is left of that without the relief, over the
+    variance by noise, NaN where nothing is seen; ``levels``: shape (m,), how much brighter than space it is inside.
     """
 
     uv: FloatArray
     off_rad: FloatArray
-    information: FloatArray
-    relief: FloatArray
+    squares: FloatArray
     levels: FloatArray
 
 
@@ -252,18 +249,16 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     pixels, seen, count = model.pixels, look.seen, model.pixels.sectors
 
     def sums(values: FloatArray) -> FloatArray:
-        return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
+        return np.asarray(values.reshape(count, -1).sum(axis=1))
 
+    size = len(pixels.values) // count
     slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope * pixels.distance_m / pixels.width_m
     information = sums(weights * slope * slope)
     shift = sums(weights * slope * look.residuals) / np.maximum(information, 1e-300)
-    relief = sums(pixels.modes / pixels.distance_m) * count / len(pixels.values)
-    size = len(pixels.values) // count
     nearest = np.argmin(np.abs(seen.x).reshape(count, -1), axis=1) + size * np.arange(count)
     return SectorPlaces(
         uv=np.column_stack([pixels.columns[nearest], pixels.rows[nearest]]).astype(float),
-        off_rad=shift + air @ relief,
-        information=information,
-        relief=relief,
+        off_rad=shift + sums(air @ pixels.modes / pixels.distance_m) / size,
+        squares=np.where(information > 0.0, shift**2 * information, np.nan),
         levels=inner_levels(pixels.values, seen.edge.level, look.levels.of_sector),
     )

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
-from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
+from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, sector_places
 from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS, POSE
 from horizonval.estimation.fit.known import LimbKnowledge
@@ -106,7 +106,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     turn[:3, :3] = first.cam_from_body
     covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
     # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
-    ratio = scatter(places)
+    ratio = scatter(np.concatenate([one.squares for one in places]), state.air)
     beyond = (ratio - 1.0) * covariance
     # An error of the lens is the same in every picture of the camera.
     by_lens = turn @ found.by_shared[:POSE, :LENS]
@@ -127,20 +127,15 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     )
 
 
-def scatter(places: Sequence[SectorPlaces]) -> float:
+def scatter(squares: FloatArray, air: FloatArray) -> float:
     """Return chi-squared per degree of freedom of the sectors' positions, of all images.
 
-    Expected are noise and relief with their correlation along the limb. The result is 1 if chance makes as much in more
-    than a fiftieth of limbs; beyond, it is increased by the uncertainty of so few sectors.
+    ``squares``: of what noise makes of them; ``air``: the relief's unknowns, which have a unit normal prior. The result
+    is 1 if chance makes as much in more than a fiftieth of limbs; beyond, it is increased by the uncertainty of so few
+    sectors: that of Student's distribution.
     """
-    off = np.concatenate([one.off_rad for one in places])
-    information = np.concatenate([one.information for one in places])
-    relief = np.concatenate([one.relief for one in places], axis=1)
-    seen = information > 0.0
-    free = int(seen.sum()) - FITTED
+    free = int(np.isfinite(squares).sum()) - FITTED
     if free < 1:
         return 1.0
-    covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
-    ratio = float(off[seen] @ np.linalg.solve(covariance, off[seen])) / free
-    # A variance of so few is not known well: that of Student's distribution.
-    return ratio * free / max(free - 2, 1) if ratio * free > chdtri(free, 0.02) else 1.0
+    square = float(np.nansum(squares)) + float(air @ air)
+    return square / max(free - 2, 1) if square > chdtri(free, 0.02) else 1.0
