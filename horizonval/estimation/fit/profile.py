@@ -176,7 +176,7 @@ class ProfileModel:
         self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
-        self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m - pose.height_m) / soft_m)
+        self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
         # The integral of a normal correlation of the length l is (2 pi)^1/2 l.
         alike_m2 = LEFT_M * np.sqrt(2.0 * np.pi) * LEFT_LENGTH_RAD * MEAN_RADIUS_M
         self._left_px = np.maximum(alike_m2 / self.width_m**2 / near.every, 1.0)

@@ -54,8 +54,9 @@ class LimbPlaces:
 class ProfilePixels(LimbPixels):
     """n pixels that see the profile, in order of azimuth, in m sectors with nodes at both ends.
 
-    ``light``: shape (n,), response relative to the axis (solid angle through the pupil); ``sector`` (n,); ``starts``
-    (m + 1,); ``along`` (n,): position in the sector, 0 to 1; ``space``: values of pixels above the air.
+    ``height_m``: above the ellipsoid; ``light``: shape (n,), response relative to the axis (solid angle through the
+    pupil); ``sector`` (n,); ``starts`` (m + 1,); ``along`` (n,): position in the sector, 0 to 1; ``space``: values of
+    pixels above the air.
     """
 
     light: FloatArray
@@ -121,11 +122,13 @@ def profile_pixels(
         order = np.argsort(from_first, kind="stable")
         turned, count = from_first[order], len(borders) - 1
     sector = np.clip(np.searchsorted(borders, turned, side="right") - 1, 0, count - 1)
+    arrays = seen.of(order)
+    arrays["height_m"] += pose.height_m
     return ProfilePixels(
         pose,
         seen.lens,
         near.every,
-        **seen.of(order),
+        **arrays,
         light=_light(camera, near)[order],
         sector=sector,
         starts=np.searchsorted(sector, np.arange(count + 1)),
