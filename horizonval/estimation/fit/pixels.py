@@ -178,19 +178,9 @@ class NearPixels:
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> NearPixels:
         """Return some of them, by their numbers or by a mask."""
-        ray = self.ray
-        parts = ray.height_m, ray.distance_m, ray.normal_cam, ray.by_position
-        return replace(
-            self,
-            columns=self.columns[which],
-            rows=self.rows[which],
-            los_cam=self.los_cam[:, which],
-            by_column=self.by_column[:, which],
-            by_row=self.by_row[:, which],
-            ray=RayHeight(*(one[..., which] for one in parts)),
-            across_m=self.across_m[which],
-            rise=self.rise[which],
-        )
+        ray = RayHeight(*(one[..., which] for one in vars(self.ray).values()))
+        names = "columns", "rows", "los_cam", "by_column", "by_row", "across_m", "rise"
+        return NearPixels(**{name: getattr(self, name)[..., which] for name in names}, ray=ray, every=self.every)
 
     def in_view(self, camera: CameraModel, across_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.bool_]:
         """Return pixels, shape (n,), with the limb beside them in view from ``across_px[0]`` (outside, < 0) to [1]."""
