@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from horizonval.systems.b.pair import frames
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.errors import UserError
@@ -17,7 +18,6 @@ from horizonval.core.outcome import Refusal
 from horizonval.estimation.methods import altitude_free_published, linear_heads
 from horizonval.jobs import engine
 from horizonval.systems import quick
-from horizonval.systems.b.pair import frames
 from horizonval.systems.c import poses
 from horizonval.systems.e import case
 from horizonval.systems.f import errors as f_errors

@@ -6,12 +6,6 @@ import math
 
 import numpy as np
 import pytest
-
-from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.clouds.relief import BASE_M, CloudField, top_m
-from horizonval.geometry.ellipsoid import WGS84, geodetic_height, sphere, surface_normal
-from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, rotate
-from horizonval.geometry.horizon import limb_side
 from horizonval.systems.f.electronics import (
     ScanEdges,
     ScannerElectronics,
@@ -22,6 +16,12 @@ from horizonval.systems.f.electronics import (
 )
 from horizonval.systems.f.errors import ScannerFit, attitude_over_ellipsoid, worst_error_deg
 from horizonval.systems.f.scan_cone import ScanCone, distance_to_clouds, ellipsoid_crossings
+
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.clouds.relief import BASE_M, CloudField, top_m
+from horizonval.geometry.ellipsoid import WGS84, geodetic_height, sphere, surface_normal
+from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, rotate
+from horizonval.geometry.horizon import limb_side
 from horizonval.systems.weather_viewpoints import WeatherPlace
 
 CONE = ScanCone.to_the_right(math.radians(45.0), math.radians(12.0))

@@ -4,13 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-
-from horizonval.estimation.methods.ideal import ideal_horizon_sensor
-from horizonval.geometry.ellipsoid import sphere
-from horizonval.geometry.horizon import horizon_directions
-from horizonval.systems.c import poses as ideal_module_poses
-from horizonval.systems.c.experiment import LIMIT_RAD
 from horizonval.systems.c.frames import edge_points, reading_of_edge
 from horizonval.systems.c.poses import (
     RADIUS_M,
@@ -20,6 +13,13 @@ from horizonval.systems.c.poses import (
     known_poses,
     pose_above_horizon,
 )
+from scipy.spatial.transform import Rotation
+
+from horizonval.estimation.methods.ideal import ideal_horizon_sensor
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.geometry.horizon import horizon_directions
+from horizonval.systems.c import poses as ideal_module_poses
+from horizonval.systems.c.experiment import LIMIT_RAD
 
 R = np.array([0.0, RADIUS_M + 700e3, 0.0])
 

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from horizonval.systems.g.design import AZIMUTH_RAD, ETA_RAD, QuadrantLayout, field_mean
+from horizonval.systems.g.errors import QuadrantFit, attitude_of_quadrants
 from numpy.typing import NDArray
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.g import design
-from horizonval.systems.g.design import AZIMUTH_RAD, ETA_RAD, QuadrantLayout, field_mean
-from horizonval.systems.g.errors import QuadrantFit, attitude_of_quadrants
 from horizonval.systems.weather_viewpoints import WeatherPlace
 
 PLACE = WeatherPlace(25.0, 10.0, 60.0, 3, 0, 0)
