@@ -13,8 +13,8 @@ subtracted; a soft limb differs a little from a step.
 *Threshold.* A fixed level, or a fraction of the plateau: the mean of the signal between two angles inside of the edge,
 each edge having its own. The edge is the first rise through the level and the last fall.
 
-*Roll and pitch.* Newton's steps on ``limb_side(d_in) = limb_side(d_out) = 0`` over an ellipsoid, at a known position and
-yaw. A phase that is off by dp moves the line of sight by ``d' dp``, which gives the covariance.
+*Roll and pitch.* Newton's steps on ``limb_side(d_in) = limb_side(d_out) = 0`` over an ellipsoid, at a known position
+and yaw. A phase that is off by dp moves the line of sight by ``d' dp``, which gives the covariance.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ rings about the body's z axis, one above the other:
 - B, on the Earth: 3 deg wide, half a degree below A;
 - S, in space: 3 deg wide, half a degree above A, which measures what the housing sends to all three.
 
-A field's output is its mean radiance, and the reading ``D = (A - S) / (B - S)`` falls when the limb sinks in the field.
-The limb is at ``limb + gain (D - zero)``, with one gain and one zero for all quadrants. A quadrant whose limb is farther
-from the middle than ``range`` is not used.
+A field's output is its mean radiance, and the reading ``D = (A - S) / (B - S)`` falls when the limb sinks in the
+field. The limb is at ``limb + gain (D - zero)``, with one gain and one zero for all quadrants. A quadrant whose limb is
+farther from the middle than ``range`` is not used.
 
 *Roll and pitch.* With the limb at nadir angle eta_k in quadrant k, where ``eta0_k`` is expected of a level body::
 
@@ -105,8 +105,8 @@ class QuadrantSensor:
     ) -> QuadrantSensor:
         """Return the sensor with gain and zero from level bodies.
 
-        ``radiance``: shape (..., n), at even nadir angles ``eta_rad``; ``true_limb_rad``: where the limb is, shape (...).
-        The slope comes of moving the fields by half a degree either way.
+        ``radiance``: shape (..., n), at even nadir angles ``eta_rad``; ``true_limb_rad``: shape (...), where the limb
+        is. The slope is measured by moving the fields by half a degree either way.
         """
 
         def moved(by: float) -> FloatArray:

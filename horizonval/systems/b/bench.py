@@ -12,10 +12,10 @@ tilt ``t`` and the distance ``D``::
 The panel shows a rendered frame of the limb; each pixel of the camera sees the radiance where its line of sight meets
 the panel. The detector is the shipped one.
 
-*Sizes* of the errors are ours, what a careful student reaches with a ruler, a square and a spirit level; the source gives
-none. Sixteen benches have every error at its size, with signs from the columns of a Hadamard matrix (Plackett and Burman,
-Biometrika 33, 305, 1946): to first order their mean square is the sum of the squares that the errors cause one by one,
-and the mean of ``sign * error`` is what one error does.
+*Sizes* of the errors are ours, what a careful student reaches with a ruler, a square and a spirit level; the source
+gives none. Sixteen benches have every error at its size, with signs from the columns of a Hadamard matrix (Plackett and
+Burman, Biometrika 33, 305, 1946): to first order their mean square is the sum of the squares that the errors cause one
+by one, and the mean of ``sign * error`` is what one error does.
 
 *Tilt of one camera*: the chord ``c`` between the lines of sight to the arc's ends is perpendicular to the vertical, and
 the boresight ``z`` is level, so that the vertical is ``n = c x z`` and the tilt ``atan2(n_x, n_y)``.

@@ -32,8 +32,8 @@ from horizonval.systems.weather_viewpoints import place_on_orbit
 
 SHIPPED, WITH_GLARE = "vis-pair-1024-60deg", "vis-cmos-1024-60deg-full"
 FIELD_DEG = 100.0
-"""The source does not state its cameras. From 500 km the horizon is 22 deg below level boresights, and attitudes of 20 deg
-press it to 42 deg."""
+"""The source does not state its cameras. From 500 km the horizon is 22 deg below level boresights, and attitudes of 20
+deg press it to 42 deg."""
 REGION_DEG, LIMIT_DEG = 20.0, 1.0
 STEP_DEG, LARGEST_DEG = 10.0, 30.0
 ORBIT_PLACES, INCLINATION_DEG, NODE_DEG = 12, 97.4, 15.0
@@ -82,7 +82,7 @@ def attitude_view(item: JsonObject) -> JsonObject:
     errors = {ends.name: error_deg(solve(observation, ends), images[0]) for ends in ChordEnds}
     arcs = [find_arc(one.dn.astype(np.float64), float(one.full_scale)) for one in images]
     off = [arc.circle.distance_px(arc.uv).tolist() for arc in arcs if not isinstance(arc, hv.Refusal)]
-    return {"errors": errors, "circle": sum(off, [])}
+    return {"errors": errors, "circle": [px for arc in off for px in arc]}
 
 
 def orbit_view(item: JsonObject) -> JsonObject:

@@ -186,7 +186,7 @@ def picture_figures(item: JsonObject) -> JsonObject:
 
 
 def edge_points(share: FloatArray) -> FloatArray:
-    """Return columns and rows, shape (n, 2), of the edge of a cover (H, W): by columns, or by rows if those are more."""
+    """Return columns and rows, shape (n, 2), of the edge of a cover (H, W), by columns or by rows."""
     rows, columns = column_edges(share), column_edges(share.T)
     by_column = np.stack([np.arange(len(rows)), rows], axis=1)[np.isfinite(rows)]
     by_row = np.stack([columns, np.arange(len(columns))], axis=1)[np.isfinite(columns)]
@@ -226,7 +226,7 @@ def reproduce(cache: TaskCache) -> Result:
         ("HR's forward", "HR's up", "HR's right", "roll holds", "pitch holds", "both hold"),
         tuple((*choice, *random["literal"][", ".join(choice)]) for choice in CHOICES),
         f"Share of {POSES} random poses in which the printed angle and sign equal the exact ones. Axes: the line to H "
-        "and its opposite; away from the Earth in the plane of nadir and H, and down; right and left along the horizon.",
+        "and its opposite; away from the Earth in the plane of nadir and H, and down; right and left on the horizon.",
     )
     return Result(
         values={**_values(random, known), "picture": [one["px"] for one in pictures.values()]},

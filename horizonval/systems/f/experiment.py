@@ -1,8 +1,8 @@
 """System F: a conical scanner of the seventies, in the carbon dioxide band and in a window, clear and under clouds.
 
 The publication names cold clouds as the principal cause of its two scanners' noise. Here the same scan is made with and
-without clouds, so that what they add is a difference. The scanner is calibrated once, on clear scans: the fixed level is
-its fraction of their mean plateau, and the height of the horizon is the one that leaves no mean roll error.
+without clouds, so that what they add is a difference. The scanner is calibrated once, on clear scans: the fixed level
+is its fraction of their mean plateau, and the height of the horizon is the one that leaves no mean roll error.
 
 *Radiance.* The beam is three lines, each a third of its width. Rays are dense where the horizon is.
 
@@ -256,8 +256,8 @@ def draw_scans(scans: Mapping[str, list[JsonObject]]) -> MplFigure:
         axes.axhline(SCANNER.fraction * max(one["clear"]), color="#000000", lw=0.7, ls=":")
         axes.set(title=band, ylabel="W m⁻² sr⁻¹", ylim=(0.0, None))
         axes.legend(frameon=False, fontsize=8, loc="lower center")
-    ends = np.degrees(np.array(one["phase_rad"])[[0, -1]]) + (-6.0, 11.0)
-    axes.set(xlabel="phase of the scan from the nadir's [deg]", xlim=tuple(ends))
+    first, last = np.degrees([one["phase_rad"][0], one["phase_rad"][-1]])
+    axes.set(xlabel="phase of the scan from the nadir's [deg]", xlim=(first - 6.0, last + 11.0))
     return figure
 
 

@@ -1,7 +1,7 @@
 """System G: a static quadrant sensor as a rain-measuring satellite had one, designed for 350 km and flown at 402.5 km.
 
-Requirement and altitudes are the mission's. Layout (:mod:`horizonval.sensor.quadrant`) and sizes are ours, by rules that
-see 350 km only:
+Requirement and altitudes are the mission's. Layout (:mod:`horizonval.sensor.quadrant`) and sizes are ours, by rules
+that see 350 km only:
 
 *Middle.* Field A is where a level body sees the raised ellipsoid on average; the height is where the mean profile has
 half of its plateau.
