@@ -167,6 +167,6 @@ def as_printed(cell: Cell) -> str:
 
 def _count(of: Sequence[Any]) -> str:
     """Return the statuses of rows or claims in words, with their numbers if there are several."""
-    counts = Counter(str(row.status) if isinstance(row, Row) else row["status"] for row in of)
+    counts = Counter(str(row.status) if isinstance(row, Row) else row.get("status", "") for row in of)
     words = [(counts[status], str(status)) for status in Status if status and counts[status]]
     return words[0][1] if len(of) == 1 and words else ", ".join(f"{n} {word}" for n, word in words)

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -85,7 +86,7 @@ class HorizonReading:
     pitch_elevation_rad: float = 0.0
 
 
-def horizon_sensor(position_m: FloatArray, attitude: FloatArray, radius_m: float = MEAN_RADIUS_M) -> HorizonReading:
+def horizon_sensor(position_m: ArrayLike, attitude: ArrayLike, radius_m: float = MEAN_RADIUS_M) -> HorizonReading:
     """Return the reading of an ideal horizon sensor over a spherical body, from the pose alone.
 
     Parameters

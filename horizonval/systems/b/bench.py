@@ -32,6 +32,7 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
+from numpy.typing import NDArray
 from scipy.linalg import hadamard
 from scipy.spatial.transform import Rotation
 
@@ -74,7 +75,7 @@ def shown_scene(camera: hv.Camera) -> hv.Scene:
 
 
 @lru_cache(maxsize=1)
-def _frames() -> tuple[FloatArray, hv.Frame]:
+def _frames() -> tuple[NDArray[np.floating], hv.Frame]:
     """Return the panel's picture, and the frame of the camera whose truth and detector the photographs have."""
     camera = hv.Camera.from_file(CAMERA).changed(detector={"auto_exposure": {"min_s": 1e-6, "max_s": 1e-2}})
     lens = {"width": PANEL_PX[0], "height": PANEL_PX[1], "fx": DISTANCE_MM / PITCH_MM, "fov_deg": None}
@@ -82,7 +83,9 @@ def _frames() -> tuple[FloatArray, hv.Frame]:
     return panel.radiance["vis"].astype(np.float32), hv.render(shown_scene(camera), progress=False)
 
 
-def radiance_seen(picture: FloatArray, camera: CameraModel, errors: Mapping[str, float], tilt_rad: float) -> FloatArray:
+def radiance_seen(
+    picture: NDArray[np.floating], camera: CameraModel, errors: Mapping[str, float], tilt_rad: float
+) -> FloatArray:
     """Return the radiance (H, W) in the pixels of a camera before the panel."""
     degrees = {name: math.radians(value) for name, value in errors.items() if name.endswith("_deg")}
     turn = Rotation.from_euler("Z", tilt_rad)
@@ -128,7 +131,8 @@ def sweep(item: JsonObject) -> JsonObject:
     estimated, measured = [], []
     for tilt_deg in TILTS_DEG:
         tilt = math.radians(tilt_deg)
-        seen = hv.Frame.of(replace(frame, radiance={"vis": radiance_seen(picture, camera, item["errors"], tilt)}))
+        radiance = radiance_seen(picture, camera, item["errors"], tilt).astype(np.float32)
+        seen = hv.Frame.of(replace(frame, radiance={"vis": radiance}))
         seed = int(rng_of(item["seed"], "bench", str(item["number"]), f"{tilt_deg:g}").integers(2**31))
         image = seen.observe(seed=seed, noise=item["noise"])
         estimated.append(math.degrees(tilt_rad(image.dn.astype(np.float64), camera, image.full_scale)))

@@ -147,7 +147,7 @@ def band_errors(scans: list[JsonObject], days: list[WeatherPlace], kind: str) ->
     if kind == "fixed":
         seen = [edges.plateaus for s in signals["clear"] if isinstance(edges := scanner.edges(s), ScanEdges)]
         scanner = scanner.with_level(scanner.fraction * float(np.mean(seen)))
-    edges = {sky: [scanner.edges(s) for s in found] for sky, found in signals.items()}
+    found = {sky: [scanner.edges(s) for s in those] for sky, those in signals.items()}
 
     def fits(sky: str, height_m: float) -> list[ScannerFit | Refusal]:
         earth = WGS84.raised(height_m)
@@ -155,7 +155,7 @@ def band_errors(scans: list[JsonObject], days: list[WeatherPlace], kind: str) ->
             e if isinstance(e, Refusal) else scanner.attitude(
                 e, day.position(ALTITUDE_KM), day.lvlh(), earth, NOISE_SHARE * float(np.max(s.value))
             )
-            for e, day, s in zip(edges[sky], days, signals[sky], strict=True)
+            for e, day, s in zip(found[sky], days, signals[sky], strict=True)
         ]  # fmt: skip
 
     def mean_roll(height_m: float) -> float:
@@ -166,16 +166,16 @@ def band_errors(scans: list[JsonObject], days: list[WeatherPlace], kind: str) ->
     claimed = [np.sqrt(np.diag(f.covariance)) for f in answers["clear"] if isinstance(f, ScannerFit)]
     nothing = (math.nan, math.nan)
     plateaus = {
-        sky: np.array([e.plateaus if isinstance(e, ScanEdges) else nothing for e in found])
-        for sky, found in edges.items()
+        sky: np.array([e.plateaus if isinstance(e, ScanEdges) else nothing for e in those])
+        for sky, those in found.items()
     }
     return BandErrors(
         error_deg={
-            sky: np.degrees([(f.pitch_rad, f.roll_rad) if isinstance(f, ScannerFit) else nothing for f in found])
-            for sky, found in answers.items()
+            sky: np.degrees([(f.pitch_rad, f.roll_rad) if isinstance(f, ScannerFit) else nothing for f in fitted])
+            for sky, fitted in answers.items()
         },
         sigma_deg=float(np.degrees(np.mean(claimed, axis=0)).max()),
-        spare=sum(isinstance(e, ScanEdges) and e.spare > 0 for e in edges["clouds"]),
+        spare=sum(isinstance(e, ScanEdges) and e.spare > 0 for e in found["clouds"]),
         fall=1.0 - plateaus["clouds"] / plateaus["clear"],
     )
 
