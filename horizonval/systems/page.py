@@ -35,7 +35,8 @@ def write_system(letter: str, result: Result, folder: Path, seed: int) -> dict[s
     source = system(letter)
     if missing := {*source.entry} - {*result.values} - {key for key, one in source.entry.items() if not one.limits}:
         raise ValueError(f"system {letter}: not measured: {', '.join(sorted(missing))}")
-    rows = list(source.rows(dict.fromkeys(source.entry) | dict(result.values), result.notes))
+    unmeasured: dict[str, Any] = dict.fromkeys(source.entry)
+    rows = list(source.rows(unmeasured | dict(result.values), result.notes))
     if len({row.name for row in rows}) < len(rows):
         raise ValueError(f"system {letter} has two rows of one name")
     content = {
@@ -55,8 +56,9 @@ def write_system(letter: str, result: Result, folder: Path, seed: int) -> dict[s
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in result.figures.items():
         atomic.write_bytes(folder / f"{letter}-{name}.png", png(draw, PICTURE_DPI))
-    for old in {path.name for path in folder.glob(f"{letter}-*.png")} - {*content["figures"]}:
-        (folder / old).unlink()
+    for path in folder.glob(f"{letter}-*.png"):
+        if path.name.removeprefix(f"{letter}-").removesuffix(".png") not in result.figures:
+            path.unlink()
     atomic.write_text(folder / f"{letter}.md", page)
     write_json(folder / f"{letter}.json", content, bound=False)
     return content

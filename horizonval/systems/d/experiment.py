@@ -130,7 +130,7 @@ def quick(cache: TaskCache) -> Values:
     hard = read_all(cache)
     readings = {key: [hard[name_of(pose)]["published"][key[1]] for pose in TABLES[key[0]]] for key in READ}
     values: dict[str, Any] = {f"table_{number}_{axis}": of for (number, axis), of in readings.items()}
-    steps = {"printed": [], "ours": [], "true": []}
+    steps: dict[str, list[float]] = {"printed": [], "ours": [], "true": []}
     for number, axis in READ:
         true = np.array([pose[f"{axis}_deg"] for pose in TABLES[number]])
         ours = np.array(readings[number, axis])

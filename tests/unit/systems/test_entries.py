@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure as MplFigure
 from pydantic import ValidationError
 
+from horizonval.store.folder import read_json
 from horizonval.systems import page
 from horizonval.systems.entries import Entry, Result, System, Table, system
 from horizonval.systems.page import first_page, printed_rows, write_first_page, write_system
@@ -82,7 +83,7 @@ def test_page_and_json_say_the_same_in_the_same_bytes(tmp_path, monkeypatch):
     table = Table("Errors", ("what", "value"), (("x", 1.25), ("y", None)))
     result = Result({"rms": 0.05, "tilt": [1.0, 2.2], "ours": 5.0}, {"map": _draw}, [table], {"rms": "of 3"})
     content = write_system("B", result, tmp_path / "one", seed=3)
-    assert json.loads((tmp_path / "one" / "B.json").read_text()) == content
+    assert read_json(tmp_path / "one" / "B.json", bound=False) == content
     text = (tmp_path / "one" / "B.md").read_text()
     assert "Error 0.05 deg, tilts 2.2 deg." in text
     assert "| entry \\| one |  | 3.0052 deg | r | 0.05 deg (of 3) | above 0.038 deg | **contradicted** |" in text
