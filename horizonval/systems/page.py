@@ -82,7 +82,8 @@ def system_page(letter: str, result: Result, rows: Sequence[Row], seed: int) -> 
         if entry.printed is None:
             ours.append((entry.what, measured, entry.criterion, _count(of), entry.reading))
             continue
-        shown = ", ".join(as_printed(row.published) for row in of)
+        figures = of if isinstance(entry.printed, tuple) else of[:1]
+        shown = ", ".join(as_printed(row.published) for row in figures)
         shown += "" if isinstance(entry.printed, str) else unit
         printed.append((entry.what, entry.where, shown, entry.reading, measured, entry.criterion, f"**{_count(of)}**"))
     heads = ("printed", "where", "figure", "our reading", "measured", "would fail", "status")

@@ -118,9 +118,9 @@ def horizon_sensor(position_m: ArrayLike, attitude: ArrayLike, radius_m: float =
     r, q = np.asarray(position_m, dtype=float), np.asarray(attitude, dtype=float)
     distance = float(np.linalg.norm(r)) if r.shape == (3,) else 0.0
     if not (np.isfinite(distance) and distance > 0.0):
-        raise UserError(f"found {position_m}", where="position_m", expected="three finite numbers, not all zero")
+        raise UserError(f"found {position_m!r}", where="position_m", expected="three finite numbers, not all zero")
     if q.shape != (4,) or not (np.isfinite(q).all() and q.any()):
-        raise UserError(f"found {attitude}", where="attitude", expected="a quaternion of four finite numbers")
+        raise UserError(f"found {attitude!r}", where="attitude", expected="a quaternion of four finite numbers")
     if not radius_m > 0.0:
         raise UserError(f"found {radius_m}", where="radius_m", expected="a positive number")
     if distance <= radius_m:

@@ -150,7 +150,7 @@ def test_a_figure_lost_in_print_is_none_and_a_misspelt_key_is_refused() -> None:
     with pytest.raises(ValidationError):
         Published.model_validate({"source": "x", "figure": {}})
     with pytest.raises(TypeError, match="exact"):
-        published("C").number("exact")
+        Published.model_validate({"source": "x", "figures": {"k": {"value": "exact", "where": "y"}}}).number("k")
 
 
 def _draw() -> MplFigure:
