@@ -116,8 +116,7 @@ def first_page(contents: Sequence[dict[str, Any]]) -> str:
         parts += [f"## [{name}: {content['title']}]({name}.md)"]
         counts = f"{len(rows)} figures; {sum(holds)} of {len(holds)} criteria are met. Seed {content['seed']}."
         parts.append(f"{content['source']}. {counts}")
-        one_each = content.get("claims") or [row for row in rows if row["published"] is not None]
-        if verdicts := _count(one_each):
+        if verdicts := _count([row for row in rows if row["published"] is not None]):
             parts.append(f"Of what the source prints: {verdicts}.")
         if missed := [row for row in rows if row["holds"] is False]:
             lines = [
@@ -169,7 +168,7 @@ def as_printed(cell: Cell) -> str:
 
 
 def _count(of: Sequence[Any]) -> str:
-    """Return the statuses of rows or claims in words, with their numbers if there are several."""
-    counts = Counter(str(row.status) if isinstance(row, Row) else row.get("status", "") for row in of)
+    """Return the statuses of rows in words, with their numbers if there are several."""
+    counts = Counter(str(row.status) if isinstance(row, Row) else row["status"] for row in of)
     words = [(counts[status], str(status)) for status in Status if status and counts[status]]
     return words[0][1] if len(of) == 1 and words else ", ".join(f"{n} {word}" for n, word in words)

@@ -7,7 +7,7 @@ last digits of floating point, which depend on the machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -16,7 +16,6 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json, write_json
 from horizonval.systems.entries import Row, system
-from horizonval.systems.result import ComparisonRow
 from horizonval.systems.task_cache import TaskCache
 
 SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
@@ -71,10 +70,8 @@ def measured_rows(cache: TaskCache, systems: Sequence[str] = SYSTEMS) -> list[Js
     ]
 
 
-def quick_rows(letter: str, cache: TaskCache) -> Iterable[Row | ComparisonRow]:
+def quick_rows(letter: str, cache: TaskCache) -> Iterator[Row]:
     """Return the rows of a system's key figures."""
-    if letter in ROWS:
-        return ROWS[letter](cache)
     return system(letter).rows(experiment(letter).quick(cache))
 
 
@@ -88,13 +85,3 @@ def write_quick(letter: str, cache: TaskCache, pages: Path) -> None:
 def is_same(measured: float, accepted: float | None) -> bool:
     """Whether nothing has changed but for the last digits."""
     return accepted is not None and abs(measured - accepted) <= max(ROUND_OFF, SAME_SHARE * abs(accepted))
-
-
-def _rounding(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.e.experiment import rounding_rows
-
-    return rounding_rows(cache)
-
-
-ROWS: dict[str, Callable[[TaskCache], Sequence[ComparisonRow]]] = {"E": _rounding}
-"""Functions that compute key figures of systems whose experiment has no function ``quick``, by letter."""

@@ -15,13 +15,13 @@ import horizonval.renderer  # noqa: F401  (names the LLVM library before any tes
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.methods import altitude_free_published, linear_heads
+from horizonval.geometry import sightings
 from horizonval.jobs import engine
 from horizonval.sensor.conical_scanner import ConicalScanner
 from horizonval.sensor.quadrant import QuadrantSensor
 from horizonval.systems import quick
 from horizonval.systems.b import experiment as pair
 from horizonval.systems.c import experiment as module
-from horizonval.systems.e import case
 from horizonval.systems.quick import SYSTEMS
 from horizonval.systems.task_cache import TaskCache
 
@@ -42,7 +42,7 @@ FAULTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "B": (pair, "error_deg", lambda found: found + OFF),
     "C": (module, "horizon_sensor", lambda one: replace(one, roll_error_rad=one.roll_error_rad + OFF)),
     "D": (linear_heads, "published_angles", lambda angles: (angles[0], angles[1] + OFF)),
-    "E": (case, "locate", lambda found: replace(found, proposed=found.proposed * (1.0 + 1e-6))),
+    "E": (sightings, "adaptive_filter", lambda found: found * (1.0 + 1e-6)),
     "F": (ConicalScanner, "attitude", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
     "G": (QuadrantSensor, "attitude", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
 }
