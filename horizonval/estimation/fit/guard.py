@@ -1,24 +1,23 @@
-"""The guard of the fits: is what the image shows at the fitted limb the limb that the fit predicts?
+"""The guard: is what the image shows at the predicted limb the limb that the fit or the points predict?
 
-The pixels about the fitted limb are looked at once more, on both sides and with nothing but the geometry of the fit:
-the limb in view is cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``,
-with ``x`` the distance inside the fitted limb, ``E`` the edge of :mod:`.light`, and its place ``d``, blur and softness
-common to all pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or
-air hides a disturbance shows it here. The tests, all at the one level :data:`CHANCE`:
+The pixels about the predicted limb are examined on both sides and with nothing but its geometry: the limb in view is
+cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``, with ``x`` the distance
+inside the predicted limb, ``E`` the edge of :mod:`.light`, and its position ``d``, blur and softness common to all
+pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or air hides a
+disturbance shows it here. The tests, all at the level :data:`CHANCE`:
 
-1. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
-2. *Share*: the pieces that are due show the edge, with one sign, and show no second one.
-3. *Place*: the edge lies within the heights of the air, and that of no piece away from its neighbours by more than
-   noise and relief do. Pieces that do are disturbed (bodies, booms, lost blocks): their azimuths are left out of a
-   second fit, and the image is refused if others turn up then, or most of them do at once.
-4. *Rows and columns*: the place of the limb does not jump from one row, or column, to the next (torn, frozen and
+1. *Levels*: no more than half of the limb is saturated.
+2. *Share*: the pieces in view and lit show the edge, with one sign.
+3. *Position*: the edge lies within the heights of the air, and is as even along itself as the relief of clouds.
+4. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
+5. *Rows and columns*: the position of the limb does not jump from one row, or column, to the next (torn, frozen and
    interlaced readout). Differences of neighbours are free of all that changes slowly: air, relief, errors of the lens.
-5. *Levels*: no more than half of the limb is saturated.
 6. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
    departures that are improbable.
 
-Before a fit, rows and columns that hold one value or the same as their neighbours are left out
-(:func:`without_lost_lines`), and so is light beyond the air (:mod:`horizonval.estimation.limb.foreign`).
+Tests 1 to 3 serve methods of points, too, which a symmetric blur does not mislead. Before a fit, rows and columns that
+hold one value or the same as their neighbours are left out (:func:`without_lost_lines`), and so is light beyond the air
+(:mod:`horizonval.estimation.limb.foreign`).
 
 **Limits.** A mirrored image, and a principal point beyond its stated uncertainty (a tilt is the same image), are not
 seen by any test of one image. An error of the altitude is seen only where the image determines the altitude.
@@ -33,13 +32,13 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import minimum_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.special import bdtr, chdtri, ndtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
+from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
@@ -97,13 +96,8 @@ LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 limb whose softness changes."""
 FEW_PIECES = 0.1
 """Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
-NEIGHBOURS = 9
-"""Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
-MOST_LOST = 0.5
-"""Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
-RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
-"""A second limb: least step relative to the first, width of the strips, how far from the first it is sought, and lines
-across a piece."""
+MOST_SATURATED = 0.5
+"""Largest share of the limb that may be saturated."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -121,9 +115,8 @@ class LimbView:
     """Pixels about a predicted limb in order of azimuth, in m pieces of k pixels.
 
     ``columns``, ``rows``, ``values``, ``x``: shape (m, k), the last the distance inside the limb [px]; ``by_column``,
-    ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``azimuth``:
-    shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape (m, 3), to the middle
-    of the pieces; ``length_px``: of a piece; ``pixel_m``: height that a pixel sees; ``every``: of so many pixels one is
+    ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``los_cam``:
+    shape (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees; ``every``: of so many pixels one is
     taken.
     """
 
@@ -134,10 +127,7 @@ class LimbView:
     by_column: FloatArray
     by_row: FloatArray
     soft: FloatArray
-    azimuth: FloatArray
-    first_rad: float
     los_cam: FloatArray
-    length_px: float
     pixel_m: float
     every: int
 
@@ -159,8 +149,7 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
     if pieces < 1:
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {PIECE_PX:.0f} are needed")
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam[:, seen]
-    raw = np.arctan2(across[1], across[0])
-    order, azimuth = from_widest_gap(raw)
+    order, _ = from_widest_gap(np.arctan2(across[1], across[0]))
     each = len(order) // pieces
     some = np.linspace(0.0, len(order) - 1.0, pieces * each).astype(np.intp)
     chosen = np.flatnonzero(seen)[order[some]].reshape(pieces, each)
@@ -174,10 +163,7 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
         (by_column / scale)[chosen],
         (by_row / scale)[chosen],
         np.abs(angle.by_height / scale)[chosen],
-        azimuth[some][np.append(np.arange(pieces) * each, -1)],
-        float(raw[order[0]]),
         near.los_cam[:, middles].T,
-        limb_px / pieces,
         float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
         near.every,
     )
@@ -187,17 +173,15 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
 class SeenEdge:
     """What m pieces of k pixels of a limb show.
 
-    ``place_px``: of the edge, inside the predicted limb; ``blur_px``, ``scale_height_m``: of lens and limb;
-    ``blur_sigma``: of the blur's logarithm. Shape (m,) each: ``steps``, of radiance, positive with the whole limb's
-    sign, and ``step_sigmas``; ``off_px``, how far inside the common edge a piece has its own, and ``off_sigmas``.
-    ``slope``: shape (m, k), change of radiance per pixel inside; ``residuals``, ``weights``: shape (m, k).
+    ``place_px``: of the edge, inside the predicted limb; ``blur_px``: of the lens; ``blur_sigma``: of its logarithm.
+    Shape (m,) each: ``steps``, of radiance, positive with the whole limb's sign, and ``step_sigmas``; ``off_px``, how
+    far inside the common edge a piece has its edge, and ``off_sigmas``. Shape (m, k) each: ``slope``, change of radiance
+    per pixel inside, ``residuals``, ``weights``.
     """
 
     place_px: float
     blur_px: float
     blur_sigma: float
-    scale_height_m: float
-    bright_inside: bool
     steps: FloatArray
     step_sigmas: FloatArray
     off_px: FloatArray
@@ -227,32 +211,30 @@ def seen_edge(
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
     # Few pixels find the edge, all of them measure it.
     every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
-    few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
+    few = (view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
+    weights = np.ones_like(few[1])
     for _ in range(MOST_STEPS):
-        before, look = now, few.look(now)
+        before, look = now, _look(now, *few, weights)
+        weights = look.weights
         now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
         if (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
             break
-    all_of_them = _Pixels(view.values, view.x, unit_m * view.soft)
-    all_of_them.look(now)
-    look = all_of_them.look(now)
+    pixels = (view.values, view.x, unit_m * view.soft)
+    look = _look(now, *pixels, _look(now, *pixels, np.ones_like(view.x)).weights)
     step, covariance = look.step(known, scale_m / unit_m - now[2])
     now = np.clip(now + step, least, most)
     step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
     sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
-    steps = sign * look.levels[:, 1]
-    information, pull = look.of_pieces()
+    information = np.maximum(look.normal[:, 0, 0], 1e-300)
     return SeenEdge(
         place_px=float(now[0]),
         blur_px=float(np.sqrt(max(np.exp(2.0 * now[1]) - PIXEL_VARIANCE, 0.0))),
         blur_sigma=float(np.sqrt(max(covariance[1, 1], 0.0))),
-        scale_height_m=unit_m * float(now[2]),
-        bright_inside=sign > 0.0,
-        steps=steps,
+        steps=sign * look.levels[:, 1],
         step_sigmas=step_sigmas,
-        off_px=pull / information,
+        off_px=look.right[:, 0] / information,
         off_sigmas=information**-0.5,
-        slope=-look.rows[:, 3],
+        slope=look.slope,
         residuals=look.residuals,
         weights=look.weights,
     )
@@ -262,17 +244,17 @@ def seen_edge(
 class _Look:
     """An edge in m pieces of k pixels.
 
-    ``rows``: shape (m, 6, k), derivatives by the levels ``b``, ``a``, ``c`` of ``b + (a + c x) E``, and by place, ln
-    blur and scale; ``levels``: shape (m, 3); ``inverse``: shape (m, 3, 3), of their normal matrices; ``share``,
-    ``residuals``, ``variance``, ``weights``: shape (m, k), the first ``E``.
+    ``levels``: shape (m, 3), ``b``, ``a``, ``c`` of ``b + (a + c x) E``; ``inverse``: shape (m, 3, 3), of their normal
+    matrices; ``normal``, ``right``: shape (m, 3, 3) and (m, 3), equations of place, ln blur and scale without the
+    levels; ``slope``, ``residuals``, ``weights``: shape (m, k).
     """
 
-    rows: FloatArray
     levels: FloatArray
     inverse: FloatArray
-    share: FloatArray
+    normal: FloatArray
+    right: FloatArray
+    slope: FloatArray
     residuals: FloatArray
-    variance: FloatArray
     weights: FloatArray
 
     def step(self, known: float, short: float) -> tuple[FloatArray, FloatArray]:
@@ -280,8 +262,7 @@ class _Look:
 
         ``known``: square root of the information of the scale; ``short``: what it lacks of its mean.
         """
-        normal, right = self._without_levels()
-        normal, right = normal.sum(axis=0), right.sum(axis=0)
+        normal, right = self.normal.sum(axis=0), self.right.sum(axis=0)
         normal[2, 2] += known**2
         right[2] += known**2 * short
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -291,46 +272,31 @@ class _Look:
             raise np.linalg.LinAlgError("the pixels about the limb show no edge")
         return step, inverse
 
-    def of_pieces(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information of every piece about its place, and what its pixels pull by, shape (m,)."""
-        normal, right = self._without_levels()
-        return np.maximum(normal[:, 0, 0], 1e-300), right[:, 0]
 
-    def _without_levels(self) -> tuple[FloatArray, FloatArray]:
-        weighted = self.rows * self.weights[:, None]
-        normal = weighted @ self.rows.transpose(0, 2, 1)
-        right = (weighted @ self.residuals[:, :, None])[:, :, 0]
-        gain = normal[:, 3:, :3] @ _inverse(normal[:, :3, :3])
-        return normal[:, 3:, 3:] - gain @ normal[:, :3, 3:], right[:, 3:] - np.einsum("mij,mj->mi", gain, right[:, :3])
+def _look(now: FloatArray, values: FloatArray, x: FloatArray, soft: FloatArray, weights: FloatArray) -> _Look:
+    """Return the edge of a place, ln blur and scale in pixels (m, k), its levels with given weights.
 
-
-class _Pixels:
-    """Values, distances inside the predicted limb, and its softness by the scale's unit, of pixels (m, k)."""
-
-    def __init__(self, values: FloatArray, x: FloatArray, soft: FloatArray) -> None:
-        self._values, self._x, self._soft = values, x, soft
-        self._rounding = rounding_variance(values)
-        self._weights = np.ones_like(x)
-
-    def look(self, now: FloatArray) -> _Look:
-        """Return the edge of a place, ln blur and scale, its levels with the weights of the look before."""
-        x, blur = self._x - now[0], float(np.exp(now[1]))
-        edge = edge_profile(x, blur, self._soft * now[2] if now[2] > 0.0 else None)
-        basis = np.stack([np.ones_like(x), edge.level, edge.level * x], axis=1)
-        weighted = basis * self._weights[:, None]
-        normal = basis @ weighted.transpose(0, 2, 1)
-        inverse = _inverse(normal)
-        levels = (inverse @ (weighted @ self._values[:, :, None]))[:, :, 0]
-        residuals = self._values - (levels[:, None] @ basis)[:, 0]
-        space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
-        least = max(self._rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-        variance = np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)
-        self._weights = PixelNoise(variance).weights(residuals)
-        step = levels[:, 1:2] + levels[:, 2:] * x
-        by_x = step * edge.slope + levels[:, 2:] * edge.level
-        ours = np.stack([-by_x, step * edge.by_blur * blur, step * edge.by_scale * self._soft], axis=1)
-        rows = np.concatenate([basis, ours], axis=1)
-        return _Look(rows, levels, inverse, edge.level, residuals, variance, self._weights)
+    ``x``: distances inside the predicted limb [px]; ``soft``: its softness by the unit of the scale.
+    """
+    x, blur = x - now[0], float(np.exp(now[1]))
+    edge = edge_profile(x, blur, soft * now[2] if now[2] > 0.0 else None)
+    basis = np.stack([np.ones_like(x), edge.level, edge.level * x], axis=1)
+    weighted = basis * weights[:, None]
+    inverse = _inverse(basis @ weighted.transpose(0, 2, 1))
+    levels = (inverse @ (weighted @ values[:, :, None]))[:, :, 0]
+    residuals = values - (levels[:, None] @ basis)[:, 0]
+    space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
+    least = max(rounding_variance(values), 1e-12 * float(np.mean(residuals**2)) + 1e-300)
+    weights = PixelNoise(np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)).weights(residuals)
+    step = levels[:, 1:2] + levels[:, 2:] * x
+    slope = step * edge.slope + levels[:, 2:] * edge.level
+    ours = np.stack([-slope, step * edge.by_blur * blur, step * edge.by_scale * soft], axis=1)
+    weighted = ours * weights[:, None]
+    mixed = weighted @ basis.transpose(0, 2, 1)
+    gain = mixed @ _inverse((basis * weights[:, None]) @ basis.transpose(0, 2, 1))
+    right = (weighted - gain @ (basis * weights[:, None])) @ residuals[:, :, None]
+    normal = weighted @ ours.transpose(0, 2, 1) - gain @ mixed.transpose(0, 2, 1)
+    return _Look(levels, inverse, normal, right[:, :, 0], slope, residuals, weights)
 
 
 def _steepest(view: LimbView, between_px: tuple[float, float]) -> float:
@@ -370,23 +336,6 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
     across /= np.linalg.norm(across, axis=1)[:, None]
     brightest = np.maximum(seen.steps, 0.0) @ across
     return np.asarray(across @ brightest >= 0.0)
-
-
-def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
-    """Return which pieces have the limb away from their neighbours', shape (m,).
-
-    ``relief_px``: standard deviation of the limb's place along itself.
-    """
-    # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
-    due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
-    shown = due & seen.shown
-    away = np.zeros(len(shown), dtype=bool)
-    if np.count_nonzero(shown) < NEIGHBOURS:
-        return away
-    off = seen.off_px[shown]
-    sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
-    away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
-    return away
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -433,47 +382,6 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
-    """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
-    nearest_px = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
-    # The image along lines across the middle of every piece, in strips as wide as the window.
-    strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
-    depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
-    beside = view.length_px * (np.arange(LINES) / LINES - 0.5 + 0.5 / LINES)
-    middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
-    inwards = np.stack([view.by_column[middle], view.by_row[middle]])[:, :, None, None]
-    at = np.stack([view.columns[middle], view.rows[middle]])[:, :, None, None]
-    at = at + (depth + seen.place_px - view.x[middle][:, None, None]) * inwards
-    columns, rows = np.rint(at + beside * np.stack([-inwards[1], inwards[0]])).astype(np.intp)
-    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
-    values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
-    values = values.reshape(len(values), strips, -1)
-    good = np.isfinite(values)
-    means = np.where(good, values, 0.0).sum(axis=2) / np.where(good.any(axis=2), good.sum(axis=2), np.nan)
-    # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
-    place_px = (np.arange(3, strips - 3) - 0.5 * (strips - 1)) * RIVAL_WIDTH_PX
-    sign = 1.0 if seen.bright_inside else -1.0
-    with np.errstate(invalid="ignore"):
-        change = sign * (means[:, 2:] - means[:, :-2])
-        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= RIVAL_STEP * np.abs(seen.steps)[:, None]
-    step &= (np.abs(place_px) >= nearest_px) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
-    # A limb goes on at nearly the same distance in the pieces to both sides; edges of clouds are anywhere.
-    near = np.pad(maximum_filter1d(step, 3, axis=1), ((1, 1), (0, 0)), mode="edge")
-    return np.asarray((step & near[:-2] & near[2:]).any(axis=1))
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the guard says of a fitted limb.
-
-    ``refusal``: why it is not believed, None if it is; ``disturbed``: shape (k, 2), from which azimuths about the nadir
-    to which [rad] something stands before the limb or is missing.
-    """
-
-    refusal: Refusal | None
-    disturbed: FloatArray
-
-
 def examined(
     image: FloatArray,
     observation: Observation,
@@ -484,8 +392,8 @@ def examined(
     points: FloatArray,
     uneven_px: float = 0.0,
     by_pixels: bool = True,
-) -> Verdict:
-    """Return what the pixels about a fitted limb say of it.
+) -> Refusal | None:
+    """Return why the pixels about a predicted limb do not bear it out, if they do not.
 
     ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
     may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals;
@@ -508,8 +416,8 @@ def examined(
     own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px)) / scale
 
     def tests() -> Iterator[Test]:
+        due = due_pieces(view, seen, pose.nadir_cam, observation)
         yield _lost(view, seen, due, observation.full_scale)
-        yield _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
         if by_pixels:
             # Air is no exponential: its edge is wider than the lens by up to the scale height.
@@ -518,26 +426,13 @@ def examined(
                 air_px = max(air_px, CLOUDY_BLUR_PX / scale)
             yield _blurred(seen, lens, own_px, scale, air_px)
             yield _torn(view, seen)
-        if np.mean(disturbed) > MOST_LOST:
-            yield Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed"
 
     try:
         view = limb_view(image, camera, pose, axes, high / pixel_m)
         seen = seen_edge(view, own_px, prior.limb_scale_height_m, prior.limb_scale_height_sigma_m, between)
     except np.linalg.LinAlgError as e:
-        reason = f"the limb that the claim predicts: {e}"
-        return Verdict(Refusal(Outcome.NOT_CONVERGED, reason, points), np.zeros((0, 2)))
-    due = due_pieces(view, seen, pose.nadir_cam, observation)
-    known = [*reliefs(observation.band_kind, prior.limb_relief_m)]
-    if prior.limb_relief_m is None:
-        known.append(CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL)
-    relief_px = float(np.linalg.norm([one.sigma_m for one in known])) / view.pixel_m
-    disturbed = disturbed_pieces(seen, due, float(np.hypot(relief_px, uneven_px / scale)))
-    refusal = next((Refusal(*test, points) for test in tests() if test is not None), None)
-    # What stands before the limb rarely ends with a piece.
-    hidden = maximum_filter1d(disturbed, 3, mode="nearest")
-    borders = view.azimuth + view.first_rad
-    return Verdict(refusal, np.column_stack([borders[:-1], borders[1:]])[hidden])
+        return Refusal(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}", points)
+    return next((Refusal(*test, points) for test in tests() if test is not None), None)
 
 
 Test = tuple[Outcome, str] | None
@@ -555,20 +450,13 @@ def _lost(view: LimbView, seen: SeenEdge, due: BoolArray, full_scale: float | No
         x = view.x - seen.place_px
         inside = (x > 0.5) & (x < 0.5 * INSIDE_PX)
         full = (inside & (view.values >= full_scale)).sum(axis=1) > 0.5 * inside.sum(axis=1)
-        if np.mean(full) > MOST_LOST:
+        if np.mean(full) > MOST_SATURATED:
             return Outcome.SATURATED, f"{np.mean(full):.0%} of the limb is saturated"
     count, shown = np.count_nonzero(due), np.count_nonzero(due & seen.shown)
     # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
     if shown and not shown < _needed(count) <= count:
         return None
     return Outcome.NO_LIMB, f"{shown} of {count} pieces of the predicted limb show an edge; {_needed(count)} are needed"
-
-
-def _rival(rival: BoolArray, due: BoolArray) -> Test:
-    count, shown = np.count_nonzero(due), np.count_nonzero(rival & due)
-    if shown < _needed(count):
-        return None
-    return Outcome.AMBIGUOUS, f"{shown} of {count} pieces show a second limb beside the first"
 
 
 def _misplaced(
@@ -609,21 +497,6 @@ def _torn(view: LimbView, seen: SeenEdge) -> Test:
     return None
 
 
-def without_azimuths(
-    image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, azimuths: FloatArray, air_px: float
-) -> FloatArray:
-    """Return an image (H, W) with NaN about the limb at ranges of azimuth (k, 2) about the nadir [rad]."""
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_RIVAL_PX + air_px, FARTHEST_RIVAL_PX)
-    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
-    azimuth = np.arctan2(across[1], across[0])
-    hidden = np.zeros(len(azimuth), dtype=bool)
-    for first, last in azimuths:
-        hidden |= np.mod(azimuth - first, 2.0 * np.pi) <= last - first
-    image = np.array(image, dtype=np.float64)
-    image[near.rows[hidden], near.columns[hidden]] = np.nan
-    return image
-
-
 def without_lost_lines(image: FloatArray) -> FloatArray:
     """Return an image (H, W) with NaN in rows and columns that a readout has lost: of one value, or copied.
 
@@ -639,19 +512,18 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
 
 
 def _lost_lines(lines: FloatArray) -> BoolArray:
-    """Return which rows of an array are lost."""
+    """Return which rows of an array are lost: of one value or copied, and unlike what is about them."""
+    usual = np.median(lines, axis=1)
+    # Black space is of one value too; most of its neighbours then have that value, and most of a copied line has it.
     even = lines.min(axis=1) == lines.max(axis=1)
-    same = np.zeros(len(lines), dtype=bool)
-    same[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
-    # Black space with a hot column is the same everywhere, too.
-    for row in np.flatnonzero(same):
-        same[row] = float(np.mean(lines[row] == np.median(lines[row]))) < 0.5
-    lost = same
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2):
-        # At the image's border it is space, which nothing tells from loss.
+    copied = np.zeros(len(lines), dtype=bool)
+    copied[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
+    copied &= np.mean(lines == usual[:, None], axis=1) < 0.5
+    lost = copied
+    for first, last in np.flatnonzero(np.diff(np.pad(even, 1).astype(np.int8))).reshape(-1, 2):
+        # At the image's border nothing tells space from loss.
         inside = first > 0 and last < len(lines)
-        lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
+        lost[first:last] = inside and (np.mean(lines[[first - 1, last]] == lines[first, 0], axis=1) < 0.5).all()
     return lost
 
 
@@ -726,31 +598,16 @@ def guarded_fit(
     *,
     in_air: bool,
 ) -> F | Refusal:
-    """Return the fit of an image (H, W) with the disturbed pieces of the limb left out, or why it is not believed.
+    """Return the fit of an image (H, W) without its lost lines, or why it is not believed.
 
     ``fit``: of an image with NaN where it has no pixels; others as for :func:`examined`.
     """
     image = without_lost_lines(image)
-
-    def looked_at(found: F) -> Verdict:
-        uneven_px = found.uneven_px
-        return examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv, uneven_px=uneven_px)
-
     found = fit(image)
-    seen = looked_at(found)
-    if seen.refusal is None and len(seen.disturbed):
-        high = limb_height_m(observation.band_kind)[1] if in_air else 0.0
-        pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, float(ellipsoid.axes_m[0]))
-        image = without_azimuths(
-            image, observation.camera, found.pose, ellipsoid.axes_m, seen.disturbed, high / pixel_m
-        )
-        found = fit(image)
-        seen = looked_at(found)
-        # The unlit part of a disc shows no limb, and its fit allows for that.
-        if seen.refusal is None and len(seen.disturbed) and found.uneven_px == 0.0:
-            reason = f"{len(seen.disturbed)} pieces of the limb lie away from their neighbours"
-            return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
-    return found if seen.refusal is None else seen.refusal
+    refusal = examined(
+        image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv, uneven_px=found.uneven_px
+    )
+    return found if refusal is None else refusal
 
 
 def heads_refused(
@@ -766,9 +623,9 @@ def heads_refused(
         pose = found.pose.of_camera(Rotation.from_quat(head.q_cam_from_body).as_matrix())
         image = without_lost_lines(image)
         points = np.empty((0, 2))
-        seen = examined(image, head, pose, ellipsoid, in_air=in_air, points=points, uneven_px=found.uneven_px)
-        if seen.refusal is not None:
-            refused[name] = seen.refusal.of_head(name)
+        refusal = examined(image, head, pose, ellipsoid, in_air=in_air, points=points, uneven_px=found.uneven_px)
+        if refusal is not None:
+            refused[name] = refusal.of_head(name)
     return refused
 
 

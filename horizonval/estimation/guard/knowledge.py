@@ -7,8 +7,8 @@ import numpy as np
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
+from horizonval.estimation.fit.guard import SIGMAS
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE
-from horizonval.estimation.limb.finder import SIGMAS
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.rotation import angle_between, tangent_basis
 

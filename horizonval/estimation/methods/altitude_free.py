@@ -30,9 +30,16 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.limits import model_covariance
+from horizonval.estimation.guard.limits import model_error
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
+from horizonval.estimation.limb.cone import (
+    SLOW_PX,
+    SOFT_SLOW_PX,
+    ConeUncertainty,
+    arc_order,
+    cone_gain,
+    cone_uncertainty,
+)
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
@@ -138,13 +145,22 @@ def fit_points(
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, uncertainty, steps = answer(los_cam)
-        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
+        model = _model(los_cam, nadir, rho, observation, slow_px)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
         reason = f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet"
         return Refusal(Outcome.NOT_CONVERGED, reason, uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
+
+
+def _model(
+    los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float, observation: Observation, slow_px: float
+) -> FloatArray:
+    """Return the covariance of what the cone leaves out, shape (3, 3), the known height of the limb included."""
+    raised, model = model_error(los_cam, nadir_cam, rho_rad, observation, slow_px=slow_px)
+    moved = cone_gain(los_cam, nadir_cam) @ raised
+    return model + np.outer(moved, moved)
 
 
 def fit_of_cone(
@@ -161,7 +177,7 @@ def fit_of_cone(
 
     ``los_cam``, ``uv``: shape (n, 3), the points it was fitted to; ``nadir_cam``: shape (3,); ``observation``: mounting
     and Earth radius are used; ``steps``: shape (k, m); ``model``: shape (3, 3), what the cone leaves out:
-    :func:`horizonval.estimation.guard.limits.model_covariance`.
+    :func:`horizonval.estimation.guard.limits.model_error`.
     """
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
     roll, pitch = roll_pitch_of_nadir(nadir_body)
