@@ -1,10 +1,10 @@
 """The guard: is what the image shows at the predicted limb the limb that the fit or the points predict?
 
 The pixels about the predicted limb are examined on both sides and with nothing but its geometry: the limb in view is
-cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``, with ``x`` the distance
-inside the predicted limb, ``E`` the edge of :mod:`.light`, and its position ``d``, blur and softness common to all
-pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or air hides a
-disturbance shows it here. The tests, all at the level :data:`CHANCE`:
+cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``, with ``x`` the
+distance inside the predicted limb, ``E`` the edge of :mod:`.light`, and its position ``d``, blur and softness common to
+all pieces. Levels are eliminated; three unknowns and a few linear steps remain. What a fit's window, prior or air hides
+shows here. The tests, all at the level :data:`CHANCE`:
 
 1. *Levels*: no more than half of the limb is saturated.
 2. *Share*: the pieces in view and lit show the edge, with one sign.
@@ -116,8 +116,8 @@ class LimbView:
 
     ``columns``, ``rows``, ``values``, ``x``: shape (m, k), the last the distance inside the limb [px]; ``by_column``,
     ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``los_cam``:
-    shape (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees; ``every``: of so many pixels one is
-    taken.
+    shape (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees; ``every``: one of so many pixels
+    is taken.
     """
 
     columns: NDArray[np.intp]
@@ -175,8 +175,8 @@ class SeenEdge:
 
     ``place_px``: of the edge, inside the predicted limb; ``blur_px``: of the lens; ``blur_sigma``: of its logarithm.
     Shape (m,) each: ``steps``, of radiance, positive with the whole limb's sign, and ``step_sigmas``; ``off_px``, how
-    far inside the common edge a piece has its edge, and ``off_sigmas``. Shape (m, k) each: ``slope``, change of radiance
-    per pixel inside, ``residuals``, ``weights``.
+    far inside the common edge a piece has its edge, and ``off_sigmas``. Shape (m, k) each: ``slope``, change of
+    radiance per pixel inside, ``residuals``, ``weights``.
     """
 
     place_px: float

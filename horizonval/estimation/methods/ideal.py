@@ -23,7 +23,7 @@ that of the product with the axis "across the horizon", which is *up* here: alon
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -31,8 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.estimation.observation import Estimator, Fit, Observation, fit_of_nadir
 from horizonval.geometry.rotation import off_axis_angle
 
 SIGMA_RAD = 1e-12
@@ -120,17 +119,9 @@ def run(observation: Observation) -> Fit | Refusal:
         return Refusal(Outcome.BAD_INPUT, "the pose lies inside the Earth")
     nadir = Rotation.from_quat(pose.q_cam_from_itrs).apply(-r / distance)
     nadir /= np.linalg.norm(nadir)
-    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)
-    roll, pitch = roll_pitch_of_nadir(nadir_body)
-    return Fit(
-        nadir_cam=nadir,
-        covariance_nadir_cam=SIGMA_RAD**2 * (np.eye(3) - np.outer(nadir, nadir)),
-        roll_rad=float(roll),
-        pitch_rad=float(pitch),
-        angular_radius_rad=float(np.arcsin(pose.radius_m / distance)),
-        altitude_m=distance - observation.prior.sphere_radius_m,
-        sigma_altitude_m=1e-6,
-    )
+    rho = float(np.arcsin(pose.radius_m / distance))
+    found = fit_of_nadir(observation, nadir, SIGMA_RAD**2 * (np.eye(3) - np.outer(nadir, nadir)), rho)
+    return replace(found, altitude_m=distance - observation.prior.sphere_radius_m, sigma_altitude_m=1e-6)
 
 
 ESTIMATOR = Estimator(

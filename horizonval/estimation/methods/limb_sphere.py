@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.guard import too_wide
 from horizonval.estimation.fit.known import (
     LOCAL_RADIUS_SHARE,
+    LimbKnowledge,
     knowledge_in_air,
     limb_height_prior,
     position_from_limb,
@@ -32,31 +34,43 @@ SHARE_IN_AIR = 5.0
 any height below its own."""
 
 
+def sphere_start(
+    observation: Observation, los: FloatArray, *, in_body_axes: bool = False
+) -> tuple[LimbPose, LimbKnowledge]:
+    """Return where the fit of a sphere starts, and what is known, in the axes of the lines of sight ``los`` (n, 3).
+
+    Raises ``LinAlgError``: they are of no planet's limb.
+    """
+    prior = observation.prior
+    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
+    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
+    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
+    r = position_from_limb(los, np.eye(3), sphere(radius + height))
+    altitude, sigma = float(np.linalg.norm(r)) - radius, np.inf
+    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
+    planet, mean, information = sphere_knowledge(-r / np.linalg.norm(r), radius, altitude, sigma, height, height_sigma)
+    if prior.nadir_cam is not None and prior.rough_nadir is not None and not in_body_axes:
+        mean, information = tilted_to(mean, information, *prior.rough_nadir)
+    of_height = known and not in_body_axes
+    knowledge = knowledge_in_air(
+        observation, planet, mean, information, flattened, of_height=of_height, in_body_axes=in_body_axes
+    )
+    return LimbPose(np.eye(3), r, height), knowledge
+
+
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
     searched = find_limb_and_picture(observation, coarse=True)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
-    prior = observation.prior
-    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
-    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
-    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
     try:
-        r_cam = position_from_limb(found.los_cam, np.eye(3), sphere(radius + height))
+        start, knowledge = sphere_start(observation, found.los_cam)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
-    seen = float(np.linalg.norm(r_cam)) - radius
-    altitude, sigma = seen, np.inf
-    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
-        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
-    planet, mean, information = sphere_knowledge(
-        -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
-    )
-    if prior.nadir_cam is not None and prior.rough_nadir is not None:
-        mean, information = tilted_to(mean, information, *prior.rough_nadir)
-    knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
-    fit = claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
+    prior = observation.prior
+    fit = claim(picture, observation, start, knowledge)
     if isinstance(fit, Refusal):
         return fit
     share = 1.0 if altitude_in_air_m(prior) is None else SHARE_IN_AIR

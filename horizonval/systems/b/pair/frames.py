@@ -245,7 +245,7 @@ def searched(images: dict[str, DetectorImage]) -> JsonObject:
         if circle is None:
             return {"status": str(Outcome.SHORT_ARC), "reason": f"head {name}: the limb is straight", "error_deg": {}}
         arcs.append(Arc(limb.uv[np.argsort(circle.along(limb.uv), kind="stable")], circle))
-    result = fit_arcs(arcs, list(observation.heads.values()), observation.prior.sphere_radius_m)
+    result = fit_arcs(arcs, list(observation.heads.values()))
     if isinstance(result, Refusal):
         return {"status": str(result.status), "reason": result.reason, "error_deg": {}}
     return {"status": str(result.status), "reason": "", "error_deg": {"SIGHT": _error_deg(truth, result.nadir_cam)}}
