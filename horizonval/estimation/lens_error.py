@@ -96,9 +96,6 @@ def k1_per_px(camera: CameraModel) -> float:
 
 Run = Callable[[Observation], Fit | Refusal]
 
-LensError = tuple[float, tuple[float, float], float]
-"""Errors of focal length, principal point and distortion, as :func:`miscalibrated` takes them."""
-
 View = tuple[Observation, FloatArray]
 """An image, and the pixels (n, 2) of the limb in it."""
 
@@ -163,17 +160,12 @@ def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit | Re
     )
 
 
-def lens_errors(observation: Observation) -> Iterator[tuple[int, LensError]]:
-    """Yield every error with a sigma, one sigma large, with the number of the head that has it."""
+def lens_errors(observation: Observation) -> Iterator[tuple[int, FloatArray]]:
+    """Yield every error with a sigma, one sigma large, shape (4,), with the number of the head that has it."""
     for head, one in enumerate(_heads(observation)):
-        focal, point, _, bend = (float(sigma) for sigma in lens_sigmas(one.calibration))
-        if focal > 0.0:
-            yield head, (focal, (0.0, 0.0), 0.0)
-        if point > 0.0:
-            yield head, (0.0, (point, 0.0), 0.0)
-            yield head, (0.0, (0.0, point), 0.0)
-        if bend > 0.0:
-            yield head, (0.0, (0.0, 0.0), bend)
+        for error in np.diag(lens_sigmas(one.calibration)):
+            if error.any():
+                yield head, error
 
 
 def cone_axis(views: Sequence[View]) -> FloatArray:
@@ -242,9 +234,9 @@ def _in_view(head: Observation, limb_body: FloatArray) -> FloatArray:
     return np.roll(uv, first, axis=0)[np.roll(seen, first)]
 
 
-def _seen_with(views: Sequence[View], wrong: int, error: LensError) -> list[View]:
-    focal, point, bend = error
+def _seen_with(views: Sequence[View], wrong: int, error: FloatArray) -> list[View]:
+    focal, u, v, bend = (float(value) for value in error)
     return [
-        (replace(head, camera=miscalibrated(head.camera, focal, point, bend)) if k == wrong else head, uv)
+        (replace(head, camera=miscalibrated(head.camera, focal, (u, v), bend)) if k == wrong else head, uv)
         for k, (head, uv) in enumerate(views)
     ]
