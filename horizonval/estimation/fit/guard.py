@@ -26,8 +26,7 @@ seen by any test of one image. An error of the altitude is seen only where the i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -39,11 +38,13 @@ from scipy.special import bdtr, chdtri, ndtri
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
+from horizonval.estimation.limb.steepest import inwards_of
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -63,19 +64,12 @@ FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
 MOST_PIXELS = 8000
 """Pixels of a large image that are looked at."""
-MOST_STEPS = 12
-"""Steps to the place, the blur and the softness of an edge."""
 LEAST_WIDTH_PX = 0.3
 """Smallest blur with the pixel's own, which is 0.29 px."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
 """Largest step of place [px], ln blur and scale height in its scale, within the reach of the derivatives."""
-MISPLACED_PX = 0.05
-"""What an exponential edge misplaces a piece, or a row, of real air's limb by: residuals of 0.01 to 0.05 of the step
-over a slope of 0.5 of the step per pixel."""
 INDEPENDENT_LINES = 12
 """Lines whose shifts count as independent: the phases of pixels across an oblique limb repeat themselves."""
-JUMP_PX = 0.02
-"""The same for a single line and the next, which have most of it in common."""
 COIN = 0.1
 """Chance of as many pieces of one sign, if signs are random, below which they are a limb: four pieces, the shortest
 limb of a search, can reach it."""
@@ -94,10 +88,6 @@ PLACED_PX = 3.0
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 """Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
 limb whose softness changes."""
-FEW_PIECES = 0.1
-"""Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
-MOST_SATURATED = 0.5
-"""Largest share of the limb that may be saturated."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -105,9 +95,6 @@ LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
 """Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
 to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
 errors look like as much."""
-MOST_LEFT = 0.5
-"""Share of a prior's variance that is left where the image determines more than the prior: there the two must agree,
-since nothing would widen the claim."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +200,7 @@ def seen_edge(
     every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
     few = (view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
     weights = np.ones_like(few[1])
-    for _ in range(MOST_STEPS):
+    for _ in range(12):
         before, look = now, _look(now, *few, weights)
         weights = look.weights
         now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
@@ -327,9 +314,7 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
     if observation.band_kind == "thermal":
         return np.ones(len(seen.steps), dtype=bool)
     if observation.sun_cam is not None:
-        # The vertical at the lowest point of a line of sight is perpendicular to it.
-        up = view.los_cam * (view.los_cam @ nadir_cam)[:, None] - nadir_cam
-        lit = up @ observation.sun_cam > 0.0
+        lit = inwards_of(view.los_cam, nadir_cam) @ observation.sun_cam < 0.0
         if lit.any():
             return np.asarray(lit)
     across = view.los_cam @ tangent_basis(nadir_cam)
@@ -372,7 +357,8 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
         found = (shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart])
         return np.asarray(found[crossed[apart:] & crossed[:-apart]])
 
-    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    # A line and the next have most of what misplaces an exponential edge in common.
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, 0.4 * MISPLACED_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
@@ -450,7 +436,7 @@ def _lost(view: LimbView, seen: SeenEdge, due: BoolArray, full_scale: float | No
         x = view.x - seen.place_px
         inside = (x > 0.5) & (x < 0.5 * INSIDE_PX)
         full = (inside & (view.values >= full_scale)).sum(axis=1) > 0.5 * inside.sum(axis=1)
-        if np.mean(full) > MOST_SATURATED:
+        if np.mean(full) > 0.5:
             return Outcome.SATURATED, f"{np.mean(full):.0%} of the limb is saturated"
     count, shown = np.count_nonzero(due), np.count_nonzero(due & seen.shown)
     # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
@@ -469,9 +455,9 @@ def _misplaced(
     """Test whether the edge lies where air may be, and is as even as clouds and terminator."""
     if not between_px[0] < seen.place_px < between_px[1]:
         return Outcome.AMBIGUOUS, f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
-    # A body before a few pieces is left out of a second fit.
     off, sigmas = np.sort(seen.off_px[due & seen.shown]), seen.off_sigmas[due & seen.shown]
-    few = int(FEW_PIECES * (len(off) - 1))
+    # A body or a boom may hide a tenth of the pieces to either side.
+    few = int(0.1 * (len(off) - 1))
     far = float(off[-1 - few] - off[few]) - SIGMAS * median(sigmas)
     if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
         return None
@@ -527,6 +513,37 @@ def _lost_lines(lines: FloatArray) -> BoolArray:
     return lost
 
 
+class Found(Protocol):
+    """What a fit of the limb gives.
+
+    ``covariance``, ``relief_covariance``: shape (7, 7), of a step of the pose, and the part of the limb's relief;
+    ``uv``: shape (k, 2); ``uneven_px``: by how much it has the limb depart from that of a planet.
+    """
+
+    @property
+    def pose(self) -> LimbPose: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+    @property
+    def relief_covariance(self) -> FloatArray: ...
+    @property
+    def uv(self) -> FloatArray: ...
+    @property
+    def uneven_px(self) -> float: ...
+
+
+class Known(Protocol):
+    """A prior pose and the information about a step from it, shape (7, 7)."""
+
+    @property
+    def mean(self) -> LimbPose: ...
+    @property
+    def information(self) -> FloatArray: ...
+
+
+F = TypeVar("F", bound=Found)
+
+
 def pulled(
     pose: LimbPose,
     covariance: FloatArray,
@@ -542,9 +559,10 @@ def pulled(
     has the distribution of chi-squared. An improbable departure widens the claim by what the prior makes of the pose,
     ``p d / (1 - p)``, as if it were as wrong as the image says.
     """
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T) / _sizes(information))
+    size = np.sqrt(np.diag(information)).clip(1e-300)
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T) / np.outer(size, size))
     free = values > 1e-12 * values[-1]
-    root = (vectors[:, free] * np.sqrt(values[free])).T * np.sqrt(np.diag(information)).clip(1e-300)
+    root = (vectors[:, free] * np.sqrt(values[free])).T * size
     left, axes = np.linalg.eigh(root @ covariance @ root.T)
     # What scatters beyond chance has widened the covariance, that of unseen directions beyond their prior: a prior that
     # is wrong is no reason to know less of it.
@@ -553,7 +571,8 @@ def pulled(
     learnt = 1.0 - left
     off = axes.T @ (root @ -pose.step_to(mean))
     square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
-    seen = left < MOST_LEFT
+    # Where the image determines more than the prior the two must agree, since nothing would widen the claim.
+    seen = left < 0.5
     total = float(square[seen].sum())
     if seen.any() and total > float(chdtri(np.count_nonzero(seen), CHANCE)):
         sigmas = float(np.sqrt(total))
@@ -568,26 +587,13 @@ def pulled(
     return added
 
 
-def _sizes(information: FloatArray) -> FloatArray:
-    size = np.sqrt(np.diag(information)).clip(1e-300)
-    return np.outer(size, size)
-
-
-class Found(Protocol):
-    """What a fit of the limb gives; ``covariance``: shape (7, 7), of a step of the pose; ``uv``: shape (k, 2);
-    ``uneven_px``: by how much it has the limb depart from that of a planet."""
-
-    @property
-    def pose(self) -> LimbPose: ...
-    @property
-    def covariance(self) -> FloatArray: ...
-    @property
-    def uv(self) -> FloatArray: ...
-    @property
-    def uneven_px(self) -> float: ...
-
-
-F = TypeVar("F", bound=Found)
+def agreeing(found: F, known: Known, least_learnt: float = LEAST_LEARNT) -> F | Refusal:
+    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`."""
+    wrong = pulled(found.pose, found.covariance, known.mean, known.information, found.uv, least_learnt)
+    if isinstance(wrong, Refusal):
+        return wrong
+    relief = found.relief_covariance + wrong
+    return replace(found, covariance=found.covariance + wrong, relief_covariance=relief)  # type: ignore[type-var]
 
 
 def guarded_fit(
@@ -629,30 +635,14 @@ def heads_refused(
     return refused
 
 
-def accepted(run: Callable[[Observation], Fit | Refusal]) -> Callable[[Observation], Fit | Refusal]:
-    """Return a method that refuses what it knows less well than is accepted (``Prior.accept_rad``)."""
-    return partial(_accepted, run)
-
-
-def _accepted(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
-    found = run(observation)
+def accepted(found: Fit | Refusal, largest_rad: float) -> Fit | Refusal:
+    """Return an answer, or refuse one that does not determine the nadir to a standard deviation in its worst way."""
     if isinstance(found, Refusal):
         return found
-    refusal = too_wide(found, observation.prior.accept_rad)
-    return found if refusal is None else refusal
-
-
-def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
-    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
-    basis = tangent_basis(np.asarray(fit.nadir_cam))
-    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    reason = too_uncertain(sigma, largest_rad)
-    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
-
-
-def too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
-    """Return in words that a standard deviation of the nadir is larger than what is accepted, or None."""
-    if sigma_rad <= largest_rad:
-        return None
-    accepted_deg = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
-    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted_deg}"
+    basis = tangent_basis(np.asarray(found.nadir_cam))
+    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ found.total_covariance_nadir_cam @ basis)[-1]))
+    if sigma <= largest_rad:
+        return found
+    known_deg, accepted_deg = np.degrees(sigma), np.degrees(largest_rad)
+    reason = f"the method determines the nadir to {known_deg:.2f} deg, {accepted_deg:.2g} deg are accepted"
+    return Refusal(Outcome.SHORT_ARC, f"{reason} (prior: accept_deg)", found.points)

@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
-from horizonval.estimation.fit.guard import CHANCE, SIGMAS, examined, too_wide
+from horizonval.estimation.fit.guard import CHANCE, SIGMAS, accepted, examined
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import SMALLEST_RHO_RAD, model_error
@@ -72,19 +72,14 @@ def guarded(estimator: Estimator) -> Estimator:
     if estimator.from_points or estimator.needs == "heads":
         run = partial(_run, estimator)
         run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
-        run = partial(_not_too_wide, run)
+        run = partial(_accepted, run)
     elif estimator.needs == "image":
         run = partial(_run_on_pixels, estimator)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
-def _not_too_wide(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
-    """Return what a guarded method claims, if it is enough for a claim with the errors of its lenses too."""
-    result = run(observation)
-    if isinstance(result, Refusal):
-        return result
-    refusal = too_wide(result, observation.prior.accept_rad)
-    return result if refusal is None else refusal
+def _accepted(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
+    return accepted(run(observation), observation.prior.accept_rad)
 
 
 def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
@@ -333,10 +328,8 @@ def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: 
         angle = np.degrees(angle_between(np.asarray(fit.nadir_cam), limb.axis))
         return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
     variance = float(limb.noise[2, 2] + limb.systematic[2, 2])
-    refusal = too_wide(confirmed, prior.accept_rad)
-    if refusal is None:
-        refusal = contradicted(confirmed, observation, rho, variance)
-    return confirmed if refusal is None else refusal
+    refusal = contradicted(confirmed, observation, rho, variance)
+    return accepted(confirmed, prior.accept_rad) if refusal is None else refusal
 
 
 def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
@@ -351,9 +344,9 @@ def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refu
         rho = float(np.arcsin(prior.sphere_radius_m / (prior.sphere_radius_m + max(altitude, 1.0))))
     if prior.angular_radius is None and rho < SMALLEST_RHO_RAD:
         return _no_earth(rho, result.points)
-    # Claims of a fit are false beyond half of the error that is allowed to a cone.
-    refusal = too_wide(result, (0.5 if estimator.claim == "likelihood" else 1.0) * prior.accept_rad)
-    if refusal is None and estimator.claim != "likelihood":
-        image = np.asarray(observation.image, dtype=np.float64)
-        refusal = _unlike(image, observation, nadir, rho, result.points, by_pixels=True)
-    return result if refusal is None else refusal
+    if estimator.claim == "likelihood":
+        # Claims of a fit are false beyond half of the error that is allowed to a cone.
+        return accepted(result, 0.5 * prior.accept_rad)
+    image = np.asarray(observation.image, dtype=np.float64)
+    refusal = _unlike(image, observation, nadir, rho, result.points, by_pixels=True)
+    return accepted(result, prior.accept_rad) if refusal is None else refusal

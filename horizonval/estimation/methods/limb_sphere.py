@@ -14,7 +14,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
-from horizonval.estimation.fit.guard import too_wide
+from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.known import (
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
@@ -71,11 +71,8 @@ def run(observation: Observation) -> Fit | Refusal:
         return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
     prior = observation.prior
     fit = claim(picture, observation, start, knowledge)
-    if isinstance(fit, Refusal):
-        return fit
     share = 1.0 if altitude_in_air_m(prior) is None else SHARE_IN_AIR
-    refusal = too_wide(fit, share * prior.accept_rad)
-    return fit if refusal is None else refusal
+    return accepted(fit, share * prior.accept_rad)
 
 
 ESTIMATOR = Estimator(
