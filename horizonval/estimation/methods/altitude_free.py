@@ -145,22 +145,15 @@ def fit_points(
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, uncertainty, steps = answer(los_cam)
-        model = _model(los_cam, nadir, rho, observation, slow_px)
+        raised, model = model_error(los_cam, nadir, rho, observation, slow_px=slow_px)
+        # The method does not know the limb's height along it, which its claim must have.
+        moved = cone_gain(los_cam, nadir) @ raised
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
         reason = f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet"
         return Refusal(Outcome.NOT_CONVERGED, reason, uv)
-    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
-
-
-def _model(
-    los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float, observation: Observation, slow_px: float
-) -> FloatArray:
-    """Return the covariance of what the cone leaves out, shape (3, 3), the known height of the limb included."""
-    raised, model = model_error(los_cam, nadir_cam, rho_rad, observation, slow_px=slow_px)
-    moved = cone_gain(los_cam, nadir_cam) @ raised
-    return model + np.outer(moved, moved)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model + np.outer(moved, moved))
 
 
 def fit_of_cone(

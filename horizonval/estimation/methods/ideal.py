@@ -91,21 +91,10 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
     horizon = max(both, key=lambda h: float(h @ boresight))
     up = (horizon @ nadir) * horizon - nadir
     up /= np.linalg.norm(up)
-    horizon_right = np.cross(horizon, up)
-    roll = float(off_axis_angle(right, horizon_right)) * _sign(float(right @ up))
-    pitch = float(off_axis_angle(boresight, horizon)) * _sign(float(boresight @ up))
-    elevations = (_elevation(axis, up) for axis in (right, boresight))
+    roll = float(np.copysign(off_axis_angle(right, np.cross(horizon, up)), right @ up))
+    pitch = float(np.copysign(off_axis_angle(boresight, horizon), boresight @ up))
+    elevations = (float(np.arctan2(axis @ up, np.linalg.norm(axis - (axis @ up) * up))) for axis in (right, boresight))
     return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch, *elevations)
-
-
-def _elevation(axis: FloatArray, up: FloatArray) -> float:
-    """Return the angle [rad] of a unit vector over the plane that ``up`` is square to."""
-    lift = float(axis @ up)
-    return float(np.arctan2(lift, np.linalg.norm(axis - lift * up)))
-
-
-def _sign(value: float) -> float:
-    return -1.0 if value < 0.0 else 1.0
 
 
 def run(observation: Observation) -> Fit | Refusal:
