@@ -1,7 +1,7 @@
 """What makes the limb through points no circle: its known height along it, and the covariance of what is not known.
 
-A circular cone leaves out oblateness, relief of the limb, its change with the Sun, and slow errors of sub-pixel points.
-More points or less noise do not reduce these errors.
+A circular cone leaves out oblateness, relief of the limb (as known, and as the points show it), its change with the Sun,
+and slow errors of sub-pixel points. More points or less noise do not reduce these errors.
 
 **Sunlit limbs.** A camera that does not resolve the air sees the limb where its blurred profile is steepest
 (:func:`horizonval.estimation.fit.heights.steepest_height`). That height changes with the Sun's direction by tens of
@@ -21,7 +21,7 @@ from functools import cache
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_heights import reliefs, systematic_covariance
+from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
 from horizonval.estimation.fit.heights import (
     FAINTEST,
     SUN_SIGMA_RAD,
@@ -38,7 +38,7 @@ from horizonval.estimation.limb.cone import SLOW_PX, cone_gain, slow_error
 from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.rotation import fibonacci_sphere
+from horizonval.geometry.rotation import fibonacci_sphere, off_axis_angle, tangent_basis
 
 FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
@@ -48,6 +48,8 @@ VISIBLE_UM = (0.45, 0.75)
 """Assumed band [um] of a camera without a known band."""
 LONG_RAD = float(np.deg2rad(28.0))
 """Smallest correlation length of a pattern: half of the horizon's radius from an orbit of 800 km."""
+PIECE_RAD = float(np.deg2rad(4.0))
+"""Length of a piece of limb, by azimuth: clouds vary faster along it than sunlight."""
 LENS_PX = 0.8
 """Blur of a usual lens (0.7 px), the pixel and reading between pixels."""
 
@@ -68,22 +70,40 @@ def model_error(
     :func:`horizonval.estimation.limb.cone.slow_error`. Raises ``LinAlgError``: the points do not determine a cone.
     """
     camera, prior = observation.camera, observation.prior
+    by_height, gain = math.tan(rho_rad) / prior.sphere_radius_m, cone_gain(los_cam, axis_cam)
+    height, patterns = np.zeros(len(los_cam)), np.zeros((0, len(los_cam)))
+    if observation.band_kind == "solar":
+        height, patterns = sunlit_heights(los_cam, axis_cam, rho_rad, observation)
+    u, v = (los_cam @ tangent_basis(axis_cam)).T
+    azimuth = np.arctan2(v, u)
+    off = off_axis_angle(los_cam, axis_cam) - rho_rad - by_height * height
+    off -= np.column_stack([np.cos(azimuth), np.sin(azimuth), np.ones(len(off))]) @ (gain @ off)
+    seen = Relief(seen_relief(off, azimuth) / by_height, correlation_rad=0.15)
     covariance = systematic_covariance(
         los_cam,
         axis_cam,
         rho_rad,
         flattening=prior.flattening,
-        reliefs=reliefs(observation.band_kind, prior.limb_relief_m),
+        reliefs=(*reliefs(observation.band_kind, prior.limb_relief_m), seen),
         earth_radius_m=prior.sphere_radius_m,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
     covariance = covariance + slow_error(los_cam, axis_cam, 1.0 / max(camera.fx, camera.fy), slow_px)
-    if observation.band_kind != "solar":
-        return np.zeros(len(los_cam)), covariance
-    by_height = math.tan(rho_rad) / prior.sphere_radius_m
-    height, patterns = sunlit_heights(los_cam, axis_cam, rho_rad, observation)
-    moved = by_height * patterns @ cone_gain(los_cam, axis_cam).T
+    moved = by_height * patterns @ gain.T
     return by_height * height, np.asarray(covariance + moved.T @ moved)
+
+
+def seen_relief(off: FloatArray, azimuth: FloatArray) -> float:
+    """Return the standard deviation of points' distances from the limb, shape (n,), beyond that of single points.
+
+    It is that of means over pieces of the limb, of :data:`PIECE_RAD`, without what they keep of the points' scatter.
+    """
+    _, piece = np.unique(np.floor(azimuth / PIECE_RAD), return_inverse=True)
+    count = np.bincount(piece)
+    means = np.bincount(piece, off) / count
+    free = max(len(off) - len(count), 1)
+    scatter = float(np.sum((off - means[piece]) ** 2)) / free
+    return math.sqrt(max(float(count @ means**2) / len(off) - scatter * len(count) / len(off), 0.0))
 
 
 def sunlit_heights(
