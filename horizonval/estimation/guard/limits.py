@@ -1,7 +1,7 @@
 """What makes the limb through points no circle: its known height along it, and the covariance of what is not known.
 
-A circular cone leaves out oblateness, relief of the limb (as known, and as the points show it), its change with the Sun,
-and slow errors of sub-pixel points. More points or less noise do not reduce these errors.
+A circular cone leaves out oblateness, relief of the limb (as known, and as the points show it), its change with the
+Sun, and slow errors of sub-pixel points. More points or less noise do not reduce these errors.
 
 **Sunlit limbs.** A camera that does not resolve the air sees the limb where its blurred profile is steepest
 (:func:`horizonval.estimation.fit.heights.steepest_height`). That height changes with the Sun's direction by tens of

@@ -12,6 +12,7 @@ from scipy import stats
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.guard import SIGMAS
 from horizonval.estimation.guard.guard import AGREEMENT_FLOOR_RAD, GuardLimb, _confirmed
+from horizonval.estimation.guard.limits import seen_relief
 from horizonval.estimation.guard.rows import RowLimb, misfit, row_limb
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
@@ -119,6 +120,16 @@ def test_crossings_that_miss_one_cone_by_their_noise_are_likely_and_by_more_not(
     cone = fit_cone(off / np.linalg.norm(off, axis=1)[:, None])
     assert misfit(off, cone.axis_cam, cone.rho_rad, sigma, seen) < 1e-6
     assert misfit(off, cone.axis_cam, cone.rho_rad, 20 * sigma, seen) > 0.3
+
+
+def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> None:
+    """Waves of 2 km under noise of 3 km: a mean over a piece of limb keeps one and hardly the other."""
+    azimuth = np.linspace(-1.5, 1.5, 800)
+    wave = 2000.0 * math.sqrt(2.0) * np.sin(2 * np.pi * azimuth / 0.35)
+    noise = 3000.0 * np.random.default_rng(5).normal(size=800)
+    assert seen_relief(wave, azimuth) == pytest.approx(2000.0, rel=0.12)
+    assert seen_relief(wave + noise, azimuth) == pytest.approx(2000.0, rel=0.25)
+    assert seen_relief(noise, azimuth) < 700.0
 
 
 PAIR_CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
