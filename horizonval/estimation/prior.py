@@ -64,21 +64,10 @@ _PAIRS = {
 }
 """A value, and the standard deviation that it cannot be without. A rough nadir may take the attitude's place."""
 
-_ABOVE_0 = (
-    "radius_m",
-    "altitude_m",
-    "altitude_sigma_m",
-    "position_sigma_m",
-    "limb_height_sigma_m",
-    "sun_sigma_rad",
-    "air_height_sigma_m",
-    "lens_blur_px",
-    "gain_sigma",
-    "accept_rad",
-)
-_NOT_BELOW_0 = ("limb_scale_height_m", "limb_scale_height_sigma_m", "limb_relief_m")
-_ANY_SIGN = ("limb_height_m",)
-"""Of a sphere in place of the ellipsoid the limb may lie below."""
+_FROM_0 = ("limb_scale_height_m", "limb_scale_height_sigma_m", "limb_relief_m")
+"""Numbers that may be 0. Those of the file's other keys are above 0, but the limb's height: of a sphere in place of the
+ellipsoid the limb may lie below."""
+_VECTORS = {"r_itrs": 3, "q_cam_from_itrs": 4, "attitude_sigma_rad": 3, "nadir_cam": 3}
 
 GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
 """Relative standard deviation of a calibrated detector's gain and lens transmission, where ``gain_sigma`` is None:
@@ -186,15 +175,11 @@ class Prior:
             raise _found(repr(self.shape), "shape", "'wgs84' or 'sphere'")
         if self.radius_m is not None and self.shape != "sphere":
             raise _found(repr(self.radius_m), "radius_m", "shape = 'sphere' beside it")
-        for names, least, words in (
-            (_ABOVE_0, np.nextafter(0.0, 1.0), "a number above 0"),
-            (_NOT_BELOW_0, 0.0, "a number of 0 or more"),
-            (_ANY_SIGN, -np.inf, "a finite number"),
-        ):
-            for name in names:
-                self._number(name, float(least), words)
-        for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3), ("nadir_cam", 3)):
-            self._vector(name, length)
+        for _, name, unit in FILE_KEYS:
+            if name in _VECTORS:
+                self._vector(name, _VECTORS[name])
+            elif unit is not None:
+                self._number(name)
         for name in ("nadir_cam", "q_cam_from_itrs"):
             self._scale_to_unit_length(name)
         if self.r_itrs is not None:
@@ -288,14 +273,16 @@ class Prior:
         values = {name: getattr(self, name) for name in DEFAULTS}
         return tuple(name for name, value in values.items() if value is not None and np.any(value != DEFAULTS[name]))
 
-    def _number(self, name: str, least: float, expected: str) -> None:
+    def _number(self, name: str) -> None:
         value = getattr(self, name)
         if value is None and DEFAULTS[name] is None:
             return
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
             raise _found(repr(value), name, "a finite number")
-        if value < least:
-            raise _found(repr(value), name, expected)
+        if name in _FROM_0 and value < 0.0:
+            raise _found(repr(value), name, "a number of 0 or more")
+        if name not in (*_FROM_0, "limb_height_m") and value <= 0.0:
+            raise _found(repr(value), name, "a number above 0")
         object.__setattr__(self, name, float(value))
 
     def _vector(self, name: str, length: int) -> None:
