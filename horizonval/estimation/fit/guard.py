@@ -8,14 +8,15 @@ shows here. The tests, all at the level :data:`CHANCE`:
 
 1. *Levels*: no more than half of the limb is saturated.
 2. *Share*: the pieces in view and lit show the edge, with one sign.
-3. *Position*: the edge lies within the heights of the air, and is as even along itself as the relief of clouds.
-4. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
-5. *Rows and columns*: the position of the limb does not jump from one row, or column, to the next (torn, frozen and
+3. *Uniqueness*: no second edge runs along the limb.
+4. *Position*: the edge lies within the heights of the air, and is as even along itself as the relief of clouds.
+5. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
+6. *Rows and columns*: the position of the limb does not jump from one row, or column, to the next (torn, frozen and
    interlaced readout). Differences of neighbours are free of all that changes slowly: air, relief, errors of the lens.
-6. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
+7. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
    departures that are improbable.
 
-Tests 1 to 3 serve methods of points, too, which a symmetric blur does not mislead. Before a fit, rows and columns that
+Tests 1 to 4 serve methods of points, too, which a symmetric blur does not mislead. Before a fit, rows and columns that
 hold one value or the same as their neighbours are left out (:func:`without_lost_lines`), and so is light beyond the air
 (:mod:`horizonval.estimation.limb.foreign`).
 
@@ -41,7 +42,7 @@ from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pixels import gradient, image_scale, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.limb.steepest import inwards_of
@@ -88,6 +89,8 @@ PLACED_PX = 3.0
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 """Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
 limb whose softness changes."""
+FARTHEST_EDGE_PX, STRIP_PX = 39.0, 3.0
+"""How far from the limb a second edge is sought, and the width of the strips along it."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -212,14 +215,16 @@ def seen_edge(
     now = np.clip(now + step, least, most)
     step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
     sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
-    information = np.maximum(look.normal[:, 0, 0], 1e-300)
+    # Across a hard edge a pixel's value does not change with a place beyond the pixel; a softened one reaches farther.
+    soft = _look(np.array([now[0], max(now[1], 0.0), now[2]]), *pixels, look.weights)
+    information = np.maximum(soft.normal[:, 0, 0], 1e-300)
     return SeenEdge(
         place_px=float(now[0]),
         blur_px=float(np.sqrt(max(np.exp(2.0 * now[1]) - PIXEL_VARIANCE, 0.0))),
         blur_sigma=float(np.sqrt(max(covariance[1, 1], 0.0))),
         steps=sign * look.levels[:, 1],
         step_sigmas=step_sigmas,
-        off_px=look.right[:, 0] / information,
+        off_px=soft.right[:, 0] / information,
         off_sigmas=information**-0.5,
         slope=look.slope,
         residuals=look.residuals,
@@ -368,6 +373,31 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
+def second_edge(
+    image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, seen: SeenEdge, air_px: float
+) -> float | None:
+    """Return the distance inside the limb [px] of another edge that runs along it, out of reach of the air, or None.
+
+    It is a step of half of the limb's, with its sign, in the mean profile along the limb: rings of glare, apertures.
+    """
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_EDGE_PX, FARTHEST_EDGE_PX, MOST_PIXELS)
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
+    x = angle.delta / image_scale(angle, near.by_column, near.by_row) - seen.place_px
+    values = np.asarray(image[near.rows, near.columns], dtype=np.float64)
+    good = np.isfinite(values) & (np.abs(x) <= FARTHEST_EDGE_PX)
+    strip = np.rint((x[good] + FARTHEST_EDGE_PX) / STRIP_PX).astype(np.intp)
+    counts = np.bincount(strip, minlength=int(2.0 * FARTHEST_EDGE_PX / STRIP_PX) + 1)
+    means = np.bincount(strip, values[good], len(counts)) / np.where(counts > 0, counts, np.nan)
+    places_px = STRIP_PX * np.arange(len(counts)) - FARTHEST_EDGE_PX
+    # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
+    change = means[2:] - means[:-2]
+    step, place = change[2:-2] - 0.5 * (change[4:] + change[:-4]), places_px[3:-3]
+    limb = step[int(np.argmin(np.abs(place)))]
+    with np.errstate(invalid="ignore"):
+        others = (step / limb >= 0.5) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
+    return float(place[others][0]) if others.any() else None
+
+
 def examined(
     image: FloatArray,
     observation: Observation,
@@ -405,6 +435,9 @@ def examined(
         due = due_pieces(view, seen, pose.nadir_cam, observation)
         yield _lost(view, seen, due, observation.full_scale)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
+        other_px = second_edge(image, camera, pose, axes, seen, (high - low) / view.pixel_m)
+        if other_px is not None:
+            yield Outcome.AMBIGUOUS, f"a second edge runs along the limb, {other_px:.0f} px inside of it"
         if by_pixels:
             # Air is no exponential: its edge is wider than the lens by up to the scale height.
             air_px = prior.limb_scale_height_m / view.pixel_m
