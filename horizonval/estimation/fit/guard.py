@@ -42,7 +42,7 @@ from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.fit.pixels import gradient, image_scale, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.limb.steepest import inwards_of
@@ -89,8 +89,8 @@ PLACED_PX = 3.0
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 """Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
 limb whose softness changes."""
-FARTHEST_EDGE_PX, STRIP_PX = 39.0, 3.0
-"""How far from the limb a second edge is sought, and the width of the strips along it."""
+FARTHEST_EDGE_PX, STRIP_PX = 40, 3
+"""How far from the limb a second edge is sought, and the width of the strips along it: an odd number of strips."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -201,7 +201,8 @@ def seen_edge(
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
     # Few pixels find the edge, all of them measure it.
     every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
-    few = (view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
+    least_variance = rounding_variance(view.values)
+    few = (view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every], least_variance)
     weights = np.ones_like(few[1])
     for _ in range(12):
         before, look = now, _look(now, *few, weights)
@@ -209,14 +210,14 @@ def seen_edge(
         now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
         if (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
             break
-    pixels = (view.values, view.x, unit_m * view.soft)
-    look = _look(now, *pixels, _look(now, *pixels, np.ones_like(view.x)).weights)
+    pixels = (view.values, view.x, unit_m * view.soft, least_variance)
+    # Across a hard edge a pixel does not change with a place beyond the pixel; a softened one reaches farther.
+    soft = _look(np.array([now[0], max(now[1], 0.0), now[2]]), *pixels, np.ones_like(view.x))
+    look = _look(now, *pixels, soft.weights)
     step, covariance = look.step(known, scale_m / unit_m - now[2])
     now = np.clip(now + step, least, most)
     step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
     sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
-    # Across a hard edge a pixel's value does not change with a place beyond the pixel; a softened one reaches farther.
-    soft = _look(np.array([now[0], max(now[1], 0.0), now[2]]), *pixels, look.weights)
     information = np.maximum(soft.normal[:, 0, 0], 1e-300)
     return SeenEdge(
         place_px=float(now[0]),
@@ -265,7 +266,9 @@ class _Look:
         return step, inverse
 
 
-def _look(now: FloatArray, values: FloatArray, x: FloatArray, soft: FloatArray, weights: FloatArray) -> _Look:
+def _look(
+    now: FloatArray, values: FloatArray, x: FloatArray, soft: FloatArray, least_variance: float, weights: FloatArray
+) -> _Look:
     """Return the edge of a place, ln blur and scale in pixels (m, k), its levels with given weights.
 
     ``x``: distances inside the predicted limb [px]; ``soft``: its softness by the unit of the scale.
@@ -278,7 +281,7 @@ def _look(now: FloatArray, values: FloatArray, x: FloatArray, soft: FloatArray, 
     levels = (inverse @ (weighted @ values[:, :, None]))[:, :, 0]
     residuals = values - (levels[:, None] @ basis)[:, 0]
     space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
-    least = max(rounding_variance(values), 1e-12 * float(np.mean(residuals**2)) + 1e-300)
+    least = max(least_variance, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
     weights = PixelNoise(np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)).weights(residuals)
     step = levels[:, 1:2] + levels[:, 2:] * x
     slope = step * edge.slope + levels[:, 2:] * edge.level
@@ -373,28 +376,27 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def second_edge(
-    image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, seen: SeenEdge, air_px: float
-) -> float | None:
+def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, air_px: float) -> float | None:
     """Return the distance inside the limb [px] of another edge that runs along it, out of reach of the air, or None.
 
     It is a step of half of the limb's, with its sign, in the mean profile along the limb: rings of glare, apertures.
     """
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_EDGE_PX, FARTHEST_EDGE_PX, MOST_PIXELS)
-    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
-    x = angle.delta / image_scale(angle, near.by_column, near.by_row) - seen.place_px
-    values = np.asarray(image[near.rows, near.columns], dtype=np.float64)
-    good = np.isfinite(values) & (np.abs(x) <= FARTHEST_EDGE_PX)
-    strip = np.rint((x[good] + FARTHEST_EDGE_PX) / STRIP_PX).astype(np.intp)
-    counts = np.bincount(strip, minlength=int(2.0 * FARTHEST_EDGE_PX / STRIP_PX) + 1)
-    means = np.bincount(strip, values[good], len(counts)) / np.where(counts > 0, counts, np.nan)
-    places_px = STRIP_PX * np.arange(len(counts)) - FARTHEST_EDGE_PX
+    # Lines across the middle of every piece.
+    middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
+    depth = np.arange(-FARTHEST_EDGE_PX, FARTHEST_EDGE_PX + 1.0) + (seen.place_px - view.x[middle])[:, None]
+    columns = np.rint(view.columns[middle][:, None] + depth * view.by_column[middle][:, None]).astype(np.intp)
+    rows = np.rint(view.rows[middle][:, None] + depth * view.by_row[middle][:, None]).astype(np.intp)
+    inside = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
+    values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
+    values = np.moveaxis(values.reshape(len(values), -1, STRIP_PX), 1, 0).reshape(-1, len(values) * STRIP_PX)
+    good = np.isfinite(values)
+    means = np.where(good, values, 0.0).sum(axis=1) / np.where(good.any(axis=1), good.sum(axis=1), np.nan)
     # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
     change = means[2:] - means[:-2]
-    step, place = change[2:-2] - 0.5 * (change[4:] + change[:-4]), places_px[3:-3]
-    limb = step[int(np.argmin(np.abs(place)))]
+    step = change[2:-2] - 0.5 * (change[4:] + change[:-4])
+    place = STRIP_PX * (np.arange(len(step)) - len(step) // 2)
     with np.errstate(invalid="ignore"):
-        others = (step / limb >= 0.5) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
+        others = (step / step[len(step) // 2] >= 0.5) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
     return float(place[others][0]) if others.any() else None
 
 
@@ -435,7 +437,7 @@ def examined(
         due = due_pieces(view, seen, pose.nadir_cam, observation)
         yield _lost(view, seen, due, observation.full_scale)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
-        other_px = second_edge(image, camera, pose, axes, seen, (high - low) / view.pixel_m)
+        other_px = second_edge(image, view, seen, (high - low) / view.pixel_m)
         if other_px is not None:
             yield Outcome.AMBIGUOUS, f"a second edge runs along the limb, {other_px:.0f} px inside of it"
         if by_pixels:
