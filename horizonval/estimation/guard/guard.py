@@ -52,15 +52,6 @@ AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
 HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
 """Sun's zenith angle at which the limb has risen by 0.7 km (5 km at 91 deg). The limbs of several heads are not lowered
 by their height, and short arcs cannot tell a rise from a tilt."""
-HEAD_ARC_SHARE = 0.15
-"""Smallest arc in every head, relative to the image's shorter side; less is a chord of a few pixels."""
-HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
-HEADS_MISFIT_PX = 1.5
-"""Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
-HEAD_KNOTS = 6
-"""Places along a head's arc at which the limb is moved to see what the method makes of it."""
-MOVED_RAD = 1e-4
-"""How far the limb is moved for that: a hundredth of a pixel and more, a hundredth of rho."""
 
 
 def guarded(estimator: Estimator) -> Estimator:
@@ -226,7 +217,8 @@ def _run_on_arcs(estimator: Estimator, observation: Observation) -> Fit | Refusa
     axis = fit_cone(los).axis_cam
     off = off_axis_angle(los, axis)
     rho, missed = float(off.mean()), float(off.std())
-    if missed > HEADS_MISFIT_PX / max(observation.camera.fx, observation.camera.fy) + HEADS_MISFIT_RAD:
+    # Oblateness, and the search's scatter.
+    if missed > np.deg2rad(0.25) + 1.5 / max(observation.camera.fx, observation.camera.fy):
         return Refusal(Outcome.AMBIGUOUS, f"the limbs of the heads miss one cone by {np.degrees(missed):.2f} deg")
     try:
         systematic = _systematic(los, axis, rho, observation, estimator.estimates)
@@ -256,8 +248,10 @@ def _arc_in_head(head: Observation) -> FloatArray | Refusal:
     refusal = _unlike_a_limb(points)
     if refusal is not None:
         return refusal
+    # In the head's pixels, which may be smaller than those of the points.
     uv = project(head.camera, points.los)[0]
-    shortest = HEAD_ARC_SHARE * min(head.camera.width, head.camera.height)
+    # Less is a chord of a few pixels.
+    shortest = 0.15 * min(head.camera.width, head.camera.height)
     length = float(np.linalg.norm(np.ptp(uv, axis=0)))
     if length < shortest:
         return Refusal(points.cause, f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed", uv)
@@ -294,19 +288,21 @@ def _of_method(
     """
     assert estimator.from_heads is not None
     turns, basis = _turns(observation), tangent_basis(limb.axis)
+    # A hundredth of a pixel and more, a hundredth of rho.
+    moved_rad = 1e-4
     knots: list[FloatArray] = []
     gain: list[FloatArray] = []
     for name, los in seen.items():
         inwards = inwards_of(los, turns[name].apply(limb.axis))
-        places = np.linspace(0.0, len(los) - 1.0, HEAD_KNOTS)
+        places = np.linspace(0.0, len(los) - 1.0, 6)
         for place in places:
             hat = np.clip(1.0 - np.abs(np.arange(len(los)) - place) / (places[1] - places[0]), 0.0, None)
-            moved = {**seen, name: los - MOVED_RAD * hat[:, None] * inwards}
+            moved = {**seen, name: los - moved_rad * hat[:, None] * inwards}
             again = estimator.from_heads(_pixels(moved, observation), observation)
             if isinstance(again, Refusal):
                 return None
             knots.append(turns[name].inv().apply(los[round(place)]))
-            gain.append((again.nadir_cam - fit.nadir_cam) @ basis / MOVED_RAD)
+            gain.append((again.nadir_cam - fit.nadir_cam) @ basis / moved_rad)
     moves = np.vstack([np.array(gain).T, np.zeros(len(gain))])
     return _systematic(np.array(knots), limb.axis, limb.rho_rad, observation, estimator.estimates, moves)[:2, :2]
 

@@ -22,8 +22,6 @@ from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import Cone, fit_cone
 
-DEPTH_PX = 6.0
-"""Distance from the limb at which its sides are compared: beyond a lens's blur."""
 MUCH_LOST = 0.3
 """Share of the points beyond which what took them is named as the reason of a refusal."""
 
@@ -83,7 +81,8 @@ def sides(
     picture: Picture, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the grey levels on the cone's side of limb points (n, 3) and on the other, shape (n,), NaN out of view."""
-    apart = DEPTH_PX / max(camera.fx, camera.fy) * inwards_of(los_cam, axis_cam)
+    # Beyond a lens's blur.
+    apart = 6.0 / max(camera.fx, camera.fy) * inwards_of(los_cam, axis_cam)
     uv, seen = project(camera, np.array([los_cam + apart, los_cam - apart]))
     column, row = np.moveaxis(np.rint(np.where(seen[..., None], uv, -1.0)).astype(np.intp), -1, 0)
     seen = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)

@@ -51,7 +51,7 @@ def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from images of all heads, a position, a coarse attitude, and a time."""
     if any(min(np.asarray(head.image).shape[:2]) == 1 for head in observation.heads.values()):
         return limb_heads.run(observation)
-    if len(observation.heads) < limb_heads.FEWEST_HEADS:
+    if len(observation.heads) < 2:
         return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
     heads, dark = {}, []
     for name, one in observation.heads.items():

@@ -29,10 +29,6 @@ from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_p
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
 
-SHARE_IN_AIR = 5.0
-"""Uncertainty that is accepted of a camera within the air, relative to others: a degree by default. Its limb may be at
-any height below its own."""
-
 
 def sphere_start(
     observation: Observation, los: FloatArray, *, in_body_axes: bool = False
@@ -71,7 +67,8 @@ def run(observation: Observation) -> Fit | Refusal:
         return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
     prior = observation.prior
     fit = claim(picture, observation, start, knowledge)
-    share = 1.0 if altitude_in_air_m(prior) is None else SHARE_IN_AIR
+    # To a camera within the air the limb may be at any height below its own: a degree is accepted by default.
+    share = 1.0 if altitude_in_air_m(prior) is None else 5.0
     return accepted(fit, share * prior.accept_rad)
 
 
