@@ -23,7 +23,7 @@ from horizonval.estimation.fit.light import INSIDE_PX, LIT_SHARE
 from horizonval.estimation.fit.limb import FITTED, LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
-from horizonval.estimation.guard.knowledge import contradicted
+from horizonval.estimation.guard.limits import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject

@@ -33,8 +33,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
 from horizonval.estimation.fit.guard import CHANCE, SIGMAS, accepted, examined
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.guard.knowledge import contradicted
-from horizonval.estimation.guard.limits import SMALLEST_RHO_RAD, model_error
+from horizonval.estimation.guard.limits import SMALLEST_RHO_RAD, contradicted, model_error
 from horizonval.estimation.guard.points import TrustedPoints, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, with_lens_error

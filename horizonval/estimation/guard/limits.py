@@ -1,4 +1,4 @@
-"""What makes the limb through points no circle: its known height along it, and the covariance of what is not known.
+"""What makes the limb through points no circle, and whether a claim agrees with what is known of altitude and attitude.
 
 A circular cone leaves out oblateness, relief of the limb (as known, and as the points show it), its change with the
 Sun, and slow errors of sub-pixel points. More points or less noise do not reduce these errors.
@@ -21,7 +21,10 @@ from functools import cache
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.limb_heights import Relief, limb_height_m, reliefs, systematic_covariance
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
+from horizonval.estimation.fit.guard import SIGMAS
 from horizonval.estimation.fit.heights import (
     FAINTEST,
     SUN_SIGMA_RAD,
@@ -33,12 +36,13 @@ from horizonval.estimation.fit.heights import (
     sun_angles_at,
     without_clouds,
 )
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE
 from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.estimation.limb.cone import SLOW_PX, cone_gain, slow_error
 from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
-from horizonval.estimation.observation import Observation
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.rotation import fibonacci_sphere, off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import angle_between, fibonacci_sphere, off_axis_angle, tangent_basis
 
 FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
@@ -155,3 +159,49 @@ def blur_across(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) 
     uv, _ = project(camera, np.array([los_cam - half, los_cam + half]))
     px = np.linalg.norm(uv[1] - uv[0], axis=1)
     return np.asarray(step_rad * np.hypot(LENS_PX / np.where(px > 0.0, px, np.nan), SIGMA_PX))
+
+
+def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance: float) -> Refusal | None:
+    """Refuse a claim at :data:`SIGMAS` standard deviations from the known altitude or attitude.
+
+    ``rho_rad``: half-angle of the limb as it is seen, ``variance``: its variance [rad^2].
+    """
+    off = _altitude_off(observation, rho_rad, variance)
+    if off is not None:
+        reason = f"the angular radius is {np.degrees(off):+.2f} deg from that of the known altitude"
+        return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
+    if observation.prior.rough_nadir is None:
+        return None
+    known, sigma = observation.prior.rough_nadir
+    nadir = np.asarray(claim.nadir_cam)
+    basis = tangent_basis(nadir)
+    apart = basis.T @ (known - nadir)
+    spread = basis.T @ claim.total_covariance_nadir_cam @ basis + sigma**2 * np.eye(2)
+    # Beyond a right angle the difference of two unit vectors gets no longer across the first one.
+    if known @ nadir > 0.0 and apart @ np.linalg.solve(spread, apart) <= SIGMAS**2:
+        return None
+    degrees = np.degrees(angle_between(known, nadir))
+    return Refusal(Outcome.AMBIGUOUS, f"the nadir lies {degrees:.1f} deg from that of the known attitude", claim.points)
+
+
+def _altitude_off(observation: Observation, rho_rad: float, variance: float) -> float | None:
+    """Return the departure of an angular radius from that of the known altitude, None if nothing contradicts it."""
+    prior, camera = observation.prior, observation.camera
+    radius = prior.sphere_radius_m
+    if prior.angular_radius is not None:
+        expected, of_altitude = prior.angular_radius
+    elif prior.r_itrs is not None and prior.position_sigma_m is not None and np.linalg.norm(prior.r_itrs) > radius:
+        distance = float(np.linalg.norm(prior.r_itrs))
+        expected = float(np.arcsin(radius / distance))
+        # The Earth's radius below the satellite is that of the sphere to so much.
+        local = LOCAL_RADIUS_SHARE * prior.flattening * radius
+        of_altitude = float(np.tan(expected) / distance) ** 2 * (prior.position_sigma_m**2 + local**2)
+    else:
+        return None
+    # In coarse pixels points lie in the limb's light, not at its edge.
+    misplaced = (MISPLACED_PX / max(camera.fx, camera.fy)) ** 2
+    slack = SIGMAS * float(np.sqrt(variance + of_altitude + misplaced))
+    # A limb h higher adds h tan(rho) / R.
+    low, high = (height * np.tan(expected) / radius for height in limb_height_m(observation.band_kind))
+    off = rho_rad - expected
+    return None if low - slack <= off <= high + slack else off
