@@ -99,27 +99,28 @@ def _run_on_points(estimator: Estimator, observation: Observation) -> Fit | Refu
     points = trusted_points(observation)
     if isinstance(points, Refusal):
         return points
-    seen, first = points.observation, points.cone.axis_cam
-    rho = float(off_axis_angle(points.los, first).mean())
+    # Points are reported in pixels of the image; they may have been measured in wider ones.
+    uv = project(observation.camera, points.los)[0]
+    seen, first, rho = points.observation, points.axis, points.rho_rad
     if seen.prior.angular_radius is None and rho < SMALLEST_RHO_RAD:
-        return _no_earth(rho, points.uv)
+        return _no_earth(rho, uv)
     try:
         raised, model = model_error(points.los, first, rho, seen, estimator.estimates)
         los = np.cos(raised)[:, None] * points.los + np.sin(raised)[:, None] * inwards_of(points.los, first)
         axis = fit_cone(los).axis_cam
         noise = cone_uncertainty(los, axis, float(off_axis_angle(los, axis).mean())).covariance
     except np.linalg.LinAlgError:
-        return Refusal(points.cause, "the points do not determine a cone", points.uv)
+        return Refusal(points.cause, "the points do not determine a cone", uv)
     turn = block_diag(tangent_basis(axis).T @ tangent_basis(first), 1.0)
     limb = GuardLimb(axis, rho, noise, turn @ model @ turn.T)
-    result = estimator.from_points(los, points.uv, seen)
+    result = estimator.from_points(los, uv, seen)
     if isinstance(result, Refusal):
         return result
-    confirmed = _confirmed(replace(result, systematic_nadir_cam=None), limb, seen, limb.systematic[:2, :2])
+    confirmed = _confirmed(replace(result, systematic_nadir_cam=None), limb, observation, limb.systematic[:2, :2])
     if isinstance(confirmed, Refusal):
         short = confirmed.status is Outcome.SHORT_ARC
         return replace(confirmed, status=points.cause) if short else confirmed
-    refusal = _unlike_a_limb(points)
+    refusal = _unlike_a_limb(points, uv)
     return _noise_apart(confirmed, points) if refusal is None else refusal
 
 
@@ -127,10 +128,9 @@ def _no_earth(rho_rad: float, points: FloatArray) -> Refusal:
     return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho_rad):.2f} deg is not the Earth", points)
 
 
-def _unlike_a_limb(points: TrustedPoints) -> Refusal | None:
+def _unlike_a_limb(points: TrustedPoints, uv: FloatArray) -> Refusal | None:
     """Return why the pixels about the points are not those of a limb in air, or None."""
-    rho = float(off_axis_angle(points.los, points.cone.axis_cam).mean())
-    return _unlike(points.picture.grey, points.observation, points.cone.axis_cam, rho, points.uv, by_pixels=False)
+    return _unlike(points.picture.grey, points.observation, points.axis, points.rho_rad, uv, by_pixels=False)
 
 
 def _unlike(
@@ -143,9 +143,8 @@ def _unlike(
 
 def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
     """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
-    image, camera, axis = points.picture.grey, points.observation.camera, points.cone.axis_cam
-    rho = float(off_axis_angle(points.los, axis).mean())
-    of_pixels = pixel_noise(image, camera, axis, rho, points.observation.full_scale)
+    image, camera, axis = points.picture.grey, points.observation.camera, points.axis
+    of_pixels = pixel_noise(image, camera, axis, points.rho_rad, points.observation.full_scale)
     sign = 1.0 if points.bright_inside else -1.0
     try:
         noise = noise_covariance(image, camera, points.los, axis, of_pixels, sign)
@@ -244,17 +243,16 @@ def _arc_in_head(head: Observation) -> FloatArray | Refusal:
         return points
     if head.band_kind is not None and not points.bright_inside:
         return Refusal(Outcome.NO_LIMB, "the limb has its bright side in space")
-    refusal = _unlike_a_limb(points)
+    uv = project(head.camera, points.los)[0]
+    refusal = _unlike_a_limb(points, uv)
     if refusal is not None:
         return refusal
-    # In the head's pixels, which may be smaller than those of the points.
-    uv = project(head.camera, points.los)[0]
     # Less is a chord of a few pixels.
     shortest = 0.15 * min(head.camera.width, head.camera.height)
     length = float(np.linalg.norm(np.ptp(uv, axis=0)))
     if length < shortest:
         return Refusal(points.cause, f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed", uv)
-    return points.los[arc_order(points.los, points.cone.axis_cam)]
+    return points.los[arc_order(points.los, points.axis)]
 
 
 def _systematic(

@@ -20,7 +20,8 @@ from horizonval.estimation.limb.picture import Picture, in_wider_pixels
 from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.horizon import Cone, fit_cone
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 MUCH_LOST = 0.3
 """Share of the points beyond which what took them is named as the reason of a refusal."""
@@ -31,15 +32,15 @@ class TrustedPoints:
     """n limb points of one image.
 
     ``observation``: the image that they were measured in, perhaps with wider pixels; ``los``: shape (n, 3), lines of
-    sight; ``uv``: shape (n, 2), pixels; ``cone``: through them; ``bright_inside``: the Earth is the brighter side;
+    sight; ``axis``, ``rho_rad``: of the cone through them; ``bright_inside``: the Earth is the brighter side;
     ``cause``: what took many of the other points.
     """
 
     observation: Observation
     picture: Picture
     los: FloatArray
-    uv: FloatArray
-    cone: Cone
+    axis: FloatArray
+    rho_rad: float
     bright_inside: bool
     cause: Outcome
 
@@ -71,10 +72,12 @@ def trusted_points(observation: Observation, lowest_sun_rad: float = 0.5 * np.pi
         cause = Outcome.DARK if len(los) and np.mean(lit) < 1.0 - MUCH_LOST else cause
         los = los[lit]
     los = los[near_cone(los, 1.0 / max(camera.fx, camera.fy), FEWEST_POINTS)] if len(los) else los
-    uv = project(camera, los)[0]
     if len(los) < FEWEST_POINTS:
-        return Refusal(cause, f"{len(los)} limb points can be trusted, {FEWEST_POINTS} are needed", uv)
-    return TrustedPoints(observation, picture, los, uv, fit_cone(los), bright_inside, cause)
+        reason = f"{len(los)} limb points can be trusted, {FEWEST_POINTS} are needed"
+        return Refusal(cause, reason, project(camera, los)[0])
+    axis = fit_cone(los).axis_cam
+    rho = float(off_axis_angle(los, axis).mean())
+    return TrustedPoints(observation, picture, los, axis, rho, bright_inside, cause)
 
 
 def sides(
