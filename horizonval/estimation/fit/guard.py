@@ -64,9 +64,9 @@ step to a hundredth of a pixel at one per cent of noise."""
 FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
 MOST_PIXELS = 8000
-"""Pixels of a large image that are looked at."""
+"""Number of pixels of a large image that are examined."""
 LEAST_WIDTH_PX = 0.3
-"""Smallest blur with the pixel's own, which is 0.29 px."""
+"""Smallest blur, including the pixel's extent, which is 0.29 px."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
 """Largest step of place [px], ln blur and scale height in its scale, within the reach of the derivatives."""
 INDEPENDENT_LINES = 12
@@ -80,8 +80,8 @@ focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times 
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 CLOUDY_BLUR_PX = 1.0
-"""Blur that the air adds in the infrared at least, where cirrus and the clouds below make two limbs: 0.8 px
-with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
+"""Smallest blur that the air is allowed to add in the infrared, where cirrus and the clouds below make two limbs: 0.8 px
+with pixels of 20 km. Unknown blur of this size does no harm to the fits."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
 PLACED_PX = 3.0
@@ -125,7 +125,7 @@ class LimbView:
 def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, air_px: float) -> LimbView:
     """Return the pixels about a limb; raises ``LinAlgError``: none in view.
 
-    ``image``: shape (H, W), NaN where it is not to be looked at; ``axes_m``: shape (3,), of the planet with its limb's
+    ``image``: shape (H, W), NaN where it is not to be examined; ``axes_m``: shape (3,), of the planet with its limb's
     height; ``air_px``: how far outside of that the edge may lie.
     """
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
