@@ -80,7 +80,7 @@ focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times 
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 CLOUDY_BLUR_PX = 1.0
-"""Smallest blur that the air is allowed to add in the infrared, where cirrus and the clouds below make two limbs: 0.8 px
+"""Least blur that the air may add in the infrared, where cirrus and the clouds below make two limbs: 0.8 px
 with pixels of 20 km. Unknown blur of this size does no harm to the fits."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
