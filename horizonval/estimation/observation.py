@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -226,7 +226,7 @@ def fit_of_nadir(
     covariance: FloatArray,
     rho_rad: float | None = None,
     sigma_rho_rad: float | None = None,
-    **others: FloatArray | None,
+    **others: Any,
 ) -> Fit:
     """Return the fit that a nadir in camera axes means: attitude of the body, and altitude ``R / sin rho - R``.
 
