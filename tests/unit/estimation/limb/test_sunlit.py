@@ -79,16 +79,16 @@ def test_a_wrong_sun_is_one_of_the_patterns() -> None:
 
 def test_a_raised_limb_fits_the_cone_that_its_known_height_is_taken_away_from() -> None:
     los, sun = arc(), sun_at(85.0, 60.0)
-    raised, covariance = model_error(los, NADIR, RHO, seen(sun))
+    raised, _ = model_error(los, NADIR, RHO, seen(sun))
     up = np.cos(raised)[:, None] * los - np.sin(raised)[:, None] * inwards_of(los, NADIR)
     off = float(np.linalg.norm(fit_cone(up).axis_cam - NADIR))
     assert off > 1e-3
-    again, _ = model_error(up, NADIR, RHO, seen(sun))
+    again, covariance = model_error(up, NADIR, RHO, seen(sun))
     down = np.cos(again)[:, None] * up + np.sin(again)[:, None] * inwards_of(up, NADIR)
     # The pixels' size across the raised limb is another one, which is a part of the height.
     assert np.linalg.norm(fit_cone(down).axis_cam - NADIR) < 0.3 * off
     # The bow is not known without the Sun, and the claim has it.
-    _, unknown = model_error(los, NADIR, RHO, seen(None))
+    _, unknown = model_error(up, NADIR, RHO, seen(None))
     assert np.trace(unknown[:2, :2]) > np.trace(covariance[:2, :2])
 
 
