@@ -172,6 +172,7 @@ class SeenEdge:
     place_px: float
     blur_px: float
     blur_sigma: float
+    bright_inside: bool
     steps: FloatArray
     step_sigmas: FloatArray
     off_px: FloatArray
@@ -223,6 +224,7 @@ def seen_edge(
         place_px=float(now[0]),
         blur_px=float(np.sqrt(max(np.exp(2.0 * now[1]) - PIXEL_VARIANCE, 0.0))),
         blur_sigma=float(np.sqrt(max(covariance[1, 1], 0.0))),
+        bright_inside=sign > 0.0,
         steps=sign * look.levels[:, 1],
         step_sigmas=step_sigmas,
         off_px=soft.right[:, 0] / information,
@@ -376,10 +378,10 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, air_px: float) -> float | None:
+def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, due: BoolArray, air_px: float) -> float | None:
     """Return the distance inside the limb [px] of another edge that runs along it, out of reach of the air, or None.
 
-    It is a step of half of the limb's, with its sign, in the mean profile along the limb: rings of glare, apertures.
+    It is a step of half of the limb's, with its sign, in the median profile along the limb: rings of glare, apertures.
     """
     # Lines across the middle of every piece.
     middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
@@ -388,15 +390,17 @@ def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, air_px: float
     rows = np.rint(view.rows[middle][:, None] + depth * view.by_row[middle][:, None]).astype(np.intp)
     inside = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
     values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
-    values = np.moveaxis(values.reshape(len(values), -1, STRIP_PX), 1, 0).reshape(-1, len(values) * STRIP_PX)
-    good = np.isfinite(values)
-    means = np.where(good, values, 0.0).sum(axis=1) / np.where(good.any(axis=1), good.sum(axis=1), np.nan)
+    strips = values.reshape(len(values), -1, STRIP_PX).mean(axis=2)[due].T
+    # The median of the pieces: a cloud is before some of them only.
+    means = np.array([median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.nan for one in strips])
     # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
     change = means[2:] - means[:-2]
     step = change[2:-2] - 0.5 * (change[4:] + change[:-4])
+    step = step if seen.bright_inside else -step
     place = STRIP_PX * (np.arange(len(step)) - len(step) // 2)
+    far = np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX
     with np.errstate(invalid="ignore"):
-        others = (step / step[len(step) // 2] >= 0.5) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
+        others = far & (step >= 0.5 * np.nanmax(step[~far], initial=0.0)) & (step > 0.0)
     return float(place[others][0]) if others.any() else None
 
 
@@ -437,7 +441,7 @@ def examined(
         due = due_pieces(view, seen, pose.nadir_cam, observation)
         yield _lost(view, seen, due, observation.full_scale)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
-        other_px = second_edge(image, view, seen, (high - low) / view.pixel_m)
+        other_px = second_edge(image, view, seen, due, (high - low) / view.pixel_m)
         if other_px is not None:
             yield Outcome.AMBIGUOUS, f"a second edge runs along the limb, {other_px:.0f} px inside of it"
         if by_pixels:
