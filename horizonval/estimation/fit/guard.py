@@ -32,7 +32,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.special import bdtr, chdtri, ndtri
 
@@ -381,27 +381,29 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
 def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, due: BoolArray, air_px: float) -> float | None:
     """Return the distance inside the limb [px] of another edge that runs along it, out of reach of the air, or None.
 
-    It is a step of half of the limb's, with its sign, in the median profile along the limb: rings of glare, apertures.
+    It is a step of half of the limb's, with its sign, in most pieces that are due: rings of glare, apertures.
     """
-    # Lines across the middle of every piece.
-    middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
-    depth = np.arange(-FARTHEST_EDGE_PX, FARTHEST_EDGE_PX + 1.0) + (seen.place_px - view.x[middle])[:, None]
-    columns = np.rint(view.columns[middle][:, None] + depth * view.by_column[middle][:, None]).astype(np.intp)
-    rows = np.rint(view.rows[middle][:, None] + depth * view.by_row[middle][:, None]).astype(np.intp)
+    # The image along four lines across every piece, in strips.
+    middle = np.flatnonzero(due), np.argmin(np.abs(view.x), axis=1)[due]
+    inwards = np.stack([view.by_column[middle], view.by_row[middle]])[:, :, None, None]
+    depth = np.arange(-FARTHEST_EDGE_PX, FARTHEST_EDGE_PX + 1.0)[:, None]
+    depth = depth + (seen.place_px - view.x[middle])[:, None, None]
+    beside = PIECE_PX * (np.arange(4) / 4.0 - 0.375) * np.stack([-inwards[1], inwards[0]])
+    at = np.stack([view.columns[middle], view.rows[middle]])[:, :, None, None] + depth * inwards + beside
+    columns, rows = np.rint(at).astype(np.intp)
     inside = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
     values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
-    strips = values.reshape(len(values), -1, STRIP_PX).mean(axis=2)[due].T
-    # The median of the pieces: a cloud is before some of them only.
-    means = np.array([median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.nan for one in strips])
+    values = values.reshape(len(values), -1, 4 * STRIP_PX)
+    good = np.isfinite(values)
+    means = np.where(good, values, 0.0).sum(axis=2) / np.where(good.any(axis=2), good.sum(axis=2), np.nan)
     # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
-    change = means[2:] - means[:-2]
-    step = change[2:-2] - 0.5 * (change[4:] + change[:-4])
-    step = step if seen.bright_inside else -step
-    place = STRIP_PX * (np.arange(len(step)) - len(step) // 2)
-    far = np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX
+    change = (means[:, 2:] - means[:, :-2]) * (1.0 if seen.bright_inside else -1.0)
+    step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4])
+    place = STRIP_PX * (np.arange(step.shape[1]) - step.shape[1] // 2)
     with np.errstate(invalid="ignore"):
-        others = far & (step >= 0.5 * np.nanmax(step[~far], initial=0.0)) & (step > 0.0)
-    return float(place[others][0]) if others.any() else None
+        shows = (step >= 0.5 * np.abs(seen.steps[due])[:, None]) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
+    count = maximum_filter1d(shows, 3, axis=1).sum(axis=0)
+    return float(place[np.argmax(count)]) if count.max() >= _needed(len(shows)) else None
 
 
 def examined(
