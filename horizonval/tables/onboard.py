@@ -228,7 +228,7 @@ def header_text(table: LimbTemplates, comment: str) -> str:
         ("mean", table.mean, "LIMB_A * LIMB_B * LIMB_H", np.int16),
         (
             "modes",
-            np.concatenate([table.prior_modes, none], axis=2),
+            np.concatenate([table.modes * table.prior_sigmas, none], axis=2),
             "LIMB_A * LIMB_B * (LIMB_K + 1) * LIMB_H",
             np.int8,
         ),

@@ -101,7 +101,7 @@ class LimbTemplates:
         ``first``, ``second``: shape (n,), along the axes: solar (Sun's zenith angle, azimuth) [rad], thermal (latitude
         [rad], month). Beyond an axis's ends the last values hold, except in twilight, which ends; months are cyclic.
         """
-        modes = np.tensordot(self._weights(first, second), self.prior_modes, 2)
+        modes = np.tensordot(self._weights(first, second), self.modes, 2)
         return self.mean_at(first, second), modes, np.tensordot(self.linear(first, second), self.left_sigma, 2)
 
     def mean_at(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
@@ -115,15 +115,15 @@ class LimbTemplates:
         """Return the modes' lengths at places along the first axis, shape (n, K, 2)."""
         return np.tensordot(_straight(self.axes[0], np.atleast_1d(first)), self.correlation_rad, 1)
 
-    @cached_property
-    def prior_modes(self) -> FloatArray:
-        """Modes as a normal prior takes them, shape (A, B, K, H).
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        """Standard deviations of the modes in a normal prior, in units of the ensemble's, shape (K, 1).
 
-        Clouds are in a scene or not: in its own standard deviation the variable of the mode is ``-(q / (1 - q))^1/2``
-        without, the share ``q`` being that of cloudy scenes. One standard deviation of the prior reaches there.
+        Clouds are in a scene or not: with the share ``q`` of cloudy scenes the unit variable of this mode is
+        ``-(q / (1 - q))^1/2`` without. One standard deviation of the prior reaches there.
         """
         scene = np.array(self.mode_kinds) == "scene"
-        return np.asarray(self.modes * np.where(scene, np.sqrt(CLOUDED / (1.0 - CLOUDED)), 1.0)[:, None])
+        return np.where(scene, np.sqrt(CLOUDED / (1.0 - CLOUDED)), 1.0)[:, None]
 
     @cached_property
     def _root(self) -> FloatArray:
