@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
     from horizonval.api.info import list_cameras, list_estimators, list_scenes, list_suites
+    from horizonval.api.locate import Located, locate
     from horizonval.api.run import Run, open_run, run
     from horizonval.api.scene import Scene
     from horizonval.api.session import Session
@@ -50,6 +51,7 @@ __all__ = [
     "Frame",
     "FrameDerivatives",
     "Image",
+    "Located",
     "Observation",
     "Outcome",
     "Prior",
@@ -66,6 +68,7 @@ __all__ = [
     "list_estimators",
     "list_scenes",
     "list_suites",
+    "locate",
     "observe",
     "open_frame",
     "open_image",
@@ -85,6 +88,7 @@ _HOMES = {
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),
     "api.info": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
+    "api.locate": ("Located", "locate"),
     "api.run": ("Run", "open_run", "run"),
     "api.scene": ("Scene",),
     "api.session": ("Session",),

@@ -115,12 +115,6 @@ def _poses(cache: TaskCache) -> Sequence[ComparisonRow]:
     return measured_pose_rows(cache)
 
 
-def _rounding(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.e.experiment import rounding_rows
-
-    return rounding_rows(cache)
-
-
 def _scans(cache: TaskCache) -> Sequence[ComparisonRow]:
     from horizonval.systems.f import experiment as f
 
@@ -137,6 +131,6 @@ def _limbs(cache: TaskCache) -> Sequence[ComparisonRow]:
 
 
 ROWS: dict[str, Callable[[TaskCache], Sequence[ComparisonRow]]] = dict(
-    zip("ABCEFG", (_set_ups, _perfect_bench, _poses, _rounding, _scans, _limbs), strict=True)
+    zip("ABCFG", (_set_ups, _perfect_bench, _poses, _scans, _limbs), strict=True)
 )
 """Functions that compute key figures of systems whose experiment has no function ``quick``, by letter."""

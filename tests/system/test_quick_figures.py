@@ -15,11 +15,11 @@ import horizonval.renderer  # noqa: F401  (names the LLVM library before any tes
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.methods import altitude_free_published, linear_heads
+from horizonval.geometry import sightings
 from horizonval.jobs import engine
 from horizonval.systems import quick
 from horizonval.systems.b.pair import frames
 from horizonval.systems.c import poses
-from horizonval.systems.e import case
 from horizonval.systems.f import errors as f_errors
 from horizonval.systems.g import errors as g_errors
 from horizonval.systems.quick import SYSTEMS
@@ -42,7 +42,7 @@ FAULTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "B": (frames, "tilt_rad", lambda found: found + OFF),
     "C": (poses, "ideal_horizon_sensor", lambda one: replace(one, roll_error_rad=one.roll_error_rad + OFF)),
     "D": (linear_heads, "published_angles", lambda angles: (angles[0], angles[1] + OFF)),
-    "E": (case, "locate", lambda found: replace(found, proposed=found.proposed * (1.0 + 1e-6))),
+    "E": (sightings, "adaptive_filter", lambda found: found * (1.0 + 1e-6)),
     "F": (f_errors, "attitude_over_ellipsoid", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
     "G": (g_errors, "attitude_of_quadrants", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
 }

@@ -30,14 +30,12 @@ from horizonval.systems.task_cache import TaskCache, rng_of
 PAGES = Path(__file__).parents[3] / "results" / "published"
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 CONDITIONS = {
-    "E": {"start", "length", "step", "noise_rounding", "stations"},
     "G": {"altitude", "raised", "inclination"},
 }
 """Conditions of the experiment that the sources print: there is nothing to judge."""
 COUNTS = {
     "A": {"published set-ups that the published method answers": 5},
     "B": {"hardware in the loop: RMS over that of the perfect bench": 19.8},
-    "E": {"published proposed figures matched or beaten": 18},
 }
 """Published figures, by the row's start, that we counted or divided from printed figures that have claims."""
 
