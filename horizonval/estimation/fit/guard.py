@@ -42,7 +42,7 @@ from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pixels import near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.limb.steepest import inwards_of
@@ -128,12 +128,10 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
     ``image``: shape (H, W), NaN where it is not to be examined; ``axes_m``: shape (3,), of the planet with its limb's
     height; ``air_px``: how far outside of that the edge may lie.
     """
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
-    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
-    seen = np.isfinite(image[near.rows, near.columns]) & in_view(camera, near, angle, (0.0, 0.0))
-    by_column, by_row = gradient(angle, near.by_column, near.by_row)
-    scale = np.hypot(by_column, by_row)
-    x = angle.delta / scale
+    near = near_pixels(camera, pose, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
+    seen = np.isfinite(image[near.rows, near.columns]) & near.in_view(camera)
+    by_column, by_row = -near.gradient / near.width_m
+    x = near.x_px
     limb_px = near.every * int(np.count_nonzero(np.abs(x[seen]) < 0.5))
     pieces = min(int(limb_px / PIECE_PX), int(np.count_nonzero(seen)) // FEWEST_OF_PIECE)
     if pieces < 1:
@@ -150,11 +148,11 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
         near.rows[chosen],
         np.asarray(image[near.rows[chosen], near.columns[chosen]], dtype=np.float64),
         x,
-        (by_column / scale)[chosen],
-        (by_row / scale)[chosen],
-        np.abs(angle.by_height / scale)[chosen],
+        by_column[chosen],
+        by_row[chosen],
+        1.0 / near.width_m[chosen],
         near.los_cam[:, middles].T,
-        float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
+        float(np.median(near.width_m[chosen])),
         near.every,
     )
 

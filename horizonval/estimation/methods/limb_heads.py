@@ -26,6 +26,7 @@ from horizonval.estimation.fit.known import (
     limb_height_prior,
     placed_knowledge,
     position_from_limb,
+    sphere_start,
     turned_to,
 )
 from horizonval.estimation.fit.limb import fit_limbs
@@ -34,7 +35,6 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.picture import wrong_size
-from horizonval.estimation.methods.limb_sphere import sphere_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
 
@@ -82,12 +82,12 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
 def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:
     """Return where the search begins and what it leans on, both of the body."""
     prior = observation.prior
-    if prior.r_itrs is None or prior.q_cam_from_itrs is None:
+    given = prior.r_itrs, prior.position_sigma_m, prior.q_cam_from_itrs, prior.attitude_sigma_rad
+    if any(one is None for one in given):
         return sphere_start(observation, los_body, in_body_axes=True)
-    height, sigma = limb_height_prior(observation)
-    planet, mean, information = placed_knowledge(observation, height, sigma, in_body_axes=True)
-    start = turned_to(mean, position_from_limb(los_body, mean.cam_from_itrs, planet.raised(height)))
-    return start, knowledge_in_air(observation, planet, mean, information, in_body_axes=True)
+    planet, mean, information = placed_knowledge(observation, *limb_height_prior(observation), in_body_axes=True)
+    seen = position_from_limb(los_body, mean.cam_from_itrs, planet.raised(mean.height_m))
+    return turned_to(mean, seen), knowledge_in_air(observation, planet, mean, information, in_body_axes=True)
 
 
 ESTIMATOR = Estimator(
