@@ -1,9 +1,10 @@
 """The limb points of one image that lie at one height above the Earth.
 
 The limb that the search finds (:mod:`horizonval.estimation.limb.finder`) is moved to its steepest position
-(:mod:`horizonval.estimation.limb.steepest`). A limb many pixels deep is an edge in a smaller copy of the image, where
-all of this then works. Towards the terminator the limb darkens and rises. Where the Sun's direction is known, so is the
-height there (:mod:`horizonval.estimation.guard.sunlit`), and the limb is followed along the cone into the twilight.
+(:func:`horizonval.estimation.limb.locate.to_steepest`). A limb many pixels deep is an edge in a smaller copy of the
+image, where all of this then works. Towards the terminator the limb darkens and rises. Where the Sun's direction is
+known, so is the height there (:mod:`horizonval.estimation.guard.sunlit`), and the limb is followed along the cone into
+the twilight.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import SunlitLimb, blur_across, sun_angles, sunlit_limb
-from horizonval.estimation.limb.cone import near_cone
+from horizonval.estimation.limb.cone import inwards_of, near_cone
 from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.locate import SATURATED_SHARE, to_steepest
 from horizonval.estimation.limb.picture import Picture, in_wider_pixels
 from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
-from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import Cone, fit_cone

@@ -39,8 +39,8 @@ from horizonval.estimation.fit.heights import (
     without_clouds,
 )
 from horizonval.estimation.fit.templates import LimbTemplates, shipped_templates
-from horizonval.estimation.limb.cone import cone_gain
-from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
+from horizonval.estimation.limb.cone import cone_gain, inwards_of
+from horizonval.estimation.limb.locate import SIGMA_PX
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import fibonacci_sphere

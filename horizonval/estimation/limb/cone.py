@@ -39,6 +39,12 @@ def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
     return np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable").astype(np.int64)
 
 
+def inwards_of(los: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3) across lines of sight (n, 3) towards an axis."""
+    inwards = axis - los * (los @ axis)[:, None]
+    return np.asarray(inwards / np.linalg.norm(inwards, axis=1)[:, None])
+
+
 def near_cone(los_cam: FloatArray, px_rad: float, fewest: int = 8) -> NDArray[np.intp]:
     """Return the rows of lines of sight (n, 3) without those far from the cone through the rest."""
     rows = np.arange(len(los_cam))

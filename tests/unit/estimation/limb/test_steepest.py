@@ -9,15 +9,15 @@ import pytest
 from scipy.special import ndtr
 
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.picture import LimbPoints
-from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
-from horizonval.estimation.limb.steepest import (
+from horizonval.estimation.limb.locate import (
     NEEDED_PX,
     PixelNoise,
     noise_covariance,
     pixel_noise,
     to_steepest,
 )
+from horizonval.estimation.limb.picture import LimbPoints
+from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
@@ -147,7 +147,7 @@ def test_it_is_the_covariance_of_draws(bright_inside):
     image = noise_free(bright_inside)
     start = along_limb()
     start, _ = to_steepest(image, SMALL, start, AXIS, bright_inside)
-    claimed = noise_covariance(image, SMALL, start, AXIS, TRUE_NOISE, 1.0 if bright_inside else -1.0)
+    claimed = noise_covariance(image, SMALL, start, AXIS, TRUE_NOISE)
     basis = tangent_basis(AXIS)
     cones = []
     for seed in range(60):
@@ -164,7 +164,7 @@ def test_twice_the_variance_is_twice_the_covariance():
     image = noise_free()
     los, _ = to_steepest(image, SMALL, along_limb(), AXIS, True)
     one, two = (
-        noise_covariance(image, SMALL, los, AXIS, PixelNoise(k * READ_DN**2, k * GAIN, DARK), 1.0) for k in (1.0, 2.0)
+        noise_covariance(image, SMALL, los, AXIS, PixelNoise(k * READ_DN**2, k * GAIN, DARK)) for k in (1.0, 2.0)
     )
     assert two == pytest.approx(2.0 * one, rel=1e-12)
     assert np.linalg.eigvalsh(one)[0] > 0.0
@@ -174,4 +174,4 @@ def test_points_that_determine_no_cone_raise():
     image = noise_free()
     los = np.repeat(along_limb()[:1], 5, axis=0)
     with pytest.raises(np.linalg.LinAlgError):
-        noise_covariance(image, SMALL, los, AXIS, TRUE_NOISE, 1.0)
+        noise_covariance(image, SMALL, los, AXIS, TRUE_NOISE)
