@@ -183,11 +183,8 @@ IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.
 """Operator that measures noise and cancels levels and first derivatives."""
 NOISE_ROWS = 128
 """Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
-STRETCH_PERCENTILES = (0.5, 99.9)
-"""Percentiles of the levels that exclude dead and hot pixels."""
-SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
-"""Smallest range between these percentiles, relative to the whole range and in standard deviations of the noise: space
-alone has less."""
+NOISE_FLOOR = 1e-3
+"""Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
 
 class Picture:
@@ -205,14 +202,6 @@ class Picture:
         self.saturated = saturated_pixels(self.grey, full_scale) if saturated is None else saturated
 
     @cached_property
-    def darkest(self) -> float:
-        return float(self.grey.min())
-
-    @cached_property
-    def brightest(self) -> float:
-        return float(self.grey.max())
-
-    @cached_property
     def single(self) -> NDArray[np.float32]:
         """The image in the precision that OpenCV filters in, shape (H, W)."""
         return self.grey.astype(np.float32)
@@ -223,9 +212,9 @@ class Picture:
         return np.asarray(cv2.blur(self.single, (3, 3)), dtype=np.float32)
 
     @cached_property
-    def noise_sigma(self) -> float:
-        """Standard deviation of the pixel noise."""
-        return noise_sigma(self.single)
+    def credible_noise(self) -> float:
+        """Standard deviation of the pixel noise, of a picture without any at least :data:`NOISE_FLOOR`."""
+        return max(noise_sigma(self.single), NOISE_FLOOR * float(np.ptp(self.grey)))
 
     @cached_property
     def unclipped(self) -> FloatArray:
@@ -237,19 +226,6 @@ class Picture:
             return self.grey
         near = cv2.dilate(self.saturated.astype(np.uint8), np.ones((5, 5), np.uint8))
         return np.where(near > 0, np.nan, self.grey)
-
-    @cached_property
-    def eight_bit(self) -> NDArray[np.uint8]:
-        """The image stretched to 0..255 over the range of its unsaturated pixels, shape (H, W)."""
-        usable = self.grey[~self.saturated]
-        low, high = (percentile(usable, q) for q in STRETCH_PERCENTILES) if usable.size else (self.darkest,) * 2
-        top = self.brightest
-        # A small bright Earth lies above the percentile: then noise alone would fill the stretch.
-        if high - low < SMALLEST_RANGE_SHARE * (top - low) or high - low < SMALLEST_RANGE_SIGMAS * self.noise_sigma:
-            high = top
-        if high <= low:
-            low = self.darkest
-        return np.clip((self.grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
 
 
 def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:

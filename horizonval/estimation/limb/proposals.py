@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
-from horizonval.estimation.limb.picture import FEWEST_POINTS, ROSE_SIGMAS
+from horizonval.estimation.limb.edges import canny
+from horizonval.estimation.limb.picture import FEWEST_POINTS
 from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
 
-INT16 = np.iinfo(np.int16)
-UNITS = 8.0
-"""Steps of Canny's whole numbers per standard deviation of noise: 4 000 of them fit into 16 bits."""
 CALM_REACH_PX = 4
 """Distance from an edge to the middle of the square in which its side's variation is measured, and the square's
 width."""
@@ -116,15 +113,8 @@ def _agreeing(
 
 def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
     """Return places (n, 2) and unit gradients (n, 2) of a level's edges, those with a calm side."""
-    smooth = cv2.GaussianBlur(level.grey, (0, 0), 1.0)
-    unit = UNITS / (SOBEL_NOISE_GAIN * level.noise)
-    dx, dy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit)
+    mask, dx, dy = canny(level.grey, level.noise)
     strength = cv2.magnitude(dx, dy)
-    across, down = (np.clip(d, -INT16.max, INT16.max).astype(np.int16) for d in (dx, dy))
-    # Half of what tells an edge from noise where one goes on.
-    mask = cv2.Canny(across, down, 0.5 * ROSE_SIGMAS * UNITS, ROSE_SIGMAS * UNITS, L2gradient=True)
-    rim = 2
-    mask[:rim] = mask[-rim:] = mask[:, :rim] = mask[:, -rim:] = 0
     if level.known is not None:
         mask[cv2.erode(level.known.view(np.uint8), np.ones((5, 5))) == 0] = 0
     rows, columns = np.nonzero(mask)
@@ -142,7 +132,7 @@ def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
         at = np.rint(uv + sign * CALM_REACH_PX * gradient).astype(np.intp)
         there = activity[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)]
         calm = np.minimum(calm, there)
-    order = np.argsort((calm + UNITS) / own, kind="stable")[:MOST_EDGES]
+    order = np.argsort((calm + 1.0) / own, kind="stable")[:MOST_EDGES]
     return uv[order], gradient[order]
 
 

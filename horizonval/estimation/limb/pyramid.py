@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import Picture, median, noise_sigma, percentile, pixel_directions
+from horizonval.estimation.limb.picture import NOISE_FLOOR, Picture, median, noise_sigma, percentile, pixel_directions
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import tangent_basis
 
@@ -31,8 +31,6 @@ SMALLEST_BLOCK_PX = 7
 """Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, a horizon bends."""
 KNOWN_SHARE = 0.7
 """Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a wide gap is not."""
-NOISE_FLOOR = 1e-3
-"""Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
         scales.append(2.0 * scales[-1])
     low, high = (percentile(greys[-1], q) for q in (1.0, 99.0))
     # A picture of one level but for some pixels has a range of its own.
-    floor = NOISE_FLOOR * ((high - low) or picture.brightest - picture.darkest)
+    floor = NOISE_FLOOR * ((high - low) or float(np.ptp(picture.grey)))
     shares = [None if known is None else known.astype(np.float32)]
     while len(shares) < len(greys):
         shares.append(None if shares[-1] is None else np.asarray(cv2.pyrDown(shares[-1]), dtype=np.float32))
@@ -121,7 +119,7 @@ def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 def _mark_blocks(picture: Picture, unknown: NDArray[np.bool_]) -> None:
     """Mark the pixels of rectangles that have the darkest value throughout, and no pixel of it next to them."""
-    darkest = (picture.single == np.float32(picture.darkest)).view(np.uint8)
+    darkest = (picture.single == picture.single.min()).view(np.uint8)
     square = np.ones((SMALLEST_BLOCK_PX, SMALLEST_BLOCK_PX), np.uint8)
     opened = cv2.morphologyEx(darkest, cv2.MORPH_OPEN, square)
     if not opened.any():

@@ -28,7 +28,7 @@ from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.cone import SLOW_PX, slow_error
 from horizonval.estimation.limb.edges import find_canny_pixels
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.picture import LimbPoints, Picture
+from horizonval.estimation.limb.picture import LimbPoints
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M
@@ -237,7 +237,7 @@ def _iterates(los_cam: FloatArray) -> JsonObject:
 
 
 def _png(image: FloatArray) -> str:
-    grey = Picture(image, saturated=np.zeros(image.shape, dtype=bool)).eight_bit
+    grey = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     return base64.b64encode(cv2.imencode(".png", grey)[1].tobytes()).decode("ascii")
 
 
