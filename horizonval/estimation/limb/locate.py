@@ -49,8 +49,6 @@ STEPS = 6
 """Steps of Newton's method from a pixel away; the next would change less than a hundredth of a pixel."""
 SETTLED_PX = 0.5
 """A last step as long as that leads nowhere."""
-FAINTEST = 3.0
-"""Standard deviations of a profile's noise by which its step must stand out."""
 SHARPEST_PX = 0.02
 """Smallest width: such an edge is hard to a hundredth of a pixel."""
 TINY = 1e-9
@@ -121,8 +119,7 @@ def points_of(
     # Blur by a pixel's extent along the limb: standard deviation of a uniform distribution.
     beside = np.abs(trace.inwards).min(axis=1) / np.sqrt(12.0)
     shift, step, space, good = _fitted(profiles, across.ends[enough], beside, width_px)
-    noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
-    good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside) & (np.abs(step) > FAINTEST * noise)
+    good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside)
     order = np.flatnonzero(good)
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
     uv = trace.uv[order] + level.scale * shift[order, None] * trace.inwards[order]
@@ -162,11 +159,12 @@ def _fitted(
         good &= step != 0.0
         move = np.clip(-levels[:, 2] / np.where(good, step, np.inf), -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
-        # The width by what neither levels nor shifts explain.
+        # The width by what neither levels nor shifts explain, at most twice or half of it at a time.
+        near = good & (np.abs(shift) <= SHIFTS_PX[-1])
         left = profiles - np.einsum("ijk,ij->ik", design, levels)
-        free = step[:, None] * (widened - np.einsum("ijk,ij->ik", design, both[:, :, 1]))
-        width += float((free * left).sum() / max((free * free).sum(), TINY))
-        width = min(max(width, SHARPEST_PX), WIDTHS_PX[-1])
+        free = (near * step)[:, None] * (widened - np.einsum("ijk,ij->ik", design, both[:, :, 1]))
+        wider = width + float((free * left).sum() / max((free * free).sum(), TINY))
+        width = min(max(wider, SHARPEST_PX, 0.5 * width), WIDTHS_PX[-1], 2.0 * width)
     return shift, step, space, good & (np.abs(move) < SETTLED_PX)
 
 

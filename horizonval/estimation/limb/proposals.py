@@ -77,11 +77,9 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
             break
         support, axis, cosine = supports[best], axes[best], cosines[best]
         taken |= support
-        for _ in range(2):
-            cone = fit_cone(edges.los[support])
-            again = edges.supports(cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
-            if np.count_nonzero(again) < np.count_nonzero(support):
-                break
+        cone = fit_cone(edges.los[support])
+        again = edges.supports(cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
+        if np.count_nonzero(again) >= np.count_nonzero(support):
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
         sine = np.linalg.norm(np.cross(edges.los[support], axis), axis=1).mean()
