@@ -27,6 +27,7 @@ from horizonval.estimation.limb.evidence import (
     MOST_SECTORS,
     PROFILES,
     SHIFTS_PX,
+    WIDTHS_PX,
     Evidence,
     inner_reach,
     weigh,
@@ -270,7 +271,9 @@ class _Search:
             here = self._fitted(number, best)
             if here is None:
                 break
-            if here.evidence.score < STILL_SEEN * largest:
+            # A limb that is resolved gains nothing from smaller pixels and soon exceeds the window.
+            resolved = here.evidence.width_px == WIDTHS_PX[-1]
+            if here.evidence.score < (0.7 if resolved else STILL_SEEN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
         return best

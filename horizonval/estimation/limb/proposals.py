@@ -23,9 +23,6 @@ from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
 
-CALM_REACH_PX = 4
-"""Distance from an edge to the middle of the square in which its side's variation is measured, and the square's
-width."""
 MOST_EDGES = 400
 """Largest number of edges, those with the calmest side: a limb across a level of 320 px, and some clouds."""
 TRIPLES = 6_000
@@ -36,8 +33,6 @@ MOST_CONES = 64
 """Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
-KEPT = 4
-"""Cones kept per level; another level shows what one does not."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,8 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
     axes, cosines, inside = _agreeing(edges, rng.integers(0, n, size=(TRIPLES, 3)), largest_rho_rad)
     supports = edges.supports(axes, cosines, inside)
     taken = np.zeros(n, dtype=bool)
-    for _ in range(KEPT if len(axes) else 0):
+    # Four cones a level: another level shows what one does not.
+    for _ in range(4 if len(axes) else 0):
         votes = np.count_nonzero(supports & ~taken, axis=1)
         best = int(np.argmax(votes))
         if votes[best] < FEWEST_POINTS:
@@ -122,14 +118,11 @@ def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
     uv = np.column_stack([columns, rows]).astype(np.float64)
     if len(uv) <= MOST_EDGES:
         return uv, gradient
-    side = CALM_REACH_PX + 1
-    activity = cv2.blur(strength, (side, side))
-    height, width = activity.shape
-    calm = np.full(len(uv), np.inf)
-    for sign in (-1.0, 1.0):
-        at = np.rint(uv + sign * CALM_REACH_PX * gradient).astype(np.intp)
-        there = activity[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)]
-        calm = np.minimum(calm, there)
+    # The calmer of two squares of five pixels whose middles are four pixels to either side.
+    activity = cv2.blur(strength, (5, 5))
+    sides = np.rint(uv + 4.0 * np.array([-1.0, 1.0])[:, None, None] * gradient).astype(np.intp)
+    column, row = np.moveaxis(np.clip(sides, 0, np.array(activity.shape[::-1]) - 1), -1, 0)
+    calm = activity[row, column].min(axis=0)
     order = np.argsort((calm + 1.0) / own, kind="stable")[:MOST_EDGES]
     return uv[order], gradient[order]
 
