@@ -1,25 +1,19 @@
-"""The limb's position below the pixel, from whole pixels across it.
+"""The limb's position below the pixel: an edge fitted to whole pixels across it.
 
-The row or column of pixels through a point of the limb crosses it at 45 deg or more. Its levels are not interpolated,
-and ``x_i`` are the distances of the pixels' ends inside the cone [px].
-
-**Edge** (:func:`points_of`, of the search). Gauss-Newton finds the least squares of ::
+The row or column of pixels through a point of the limb crosses it at 45 deg or more. With ``x`` the distance [px]
+inside the cone, Gauss-Newton finds the least squares of ::
 
     I = b + a E(x - d) + c x E(x - d),     E: mean over the pixel of Phi(x / s)
 
-Space ``b``, step ``a``, shading ``c`` and shift ``d`` are separate, the width ``s`` is common to all. The pixel's
-extent is part of the model, so that a hard edge is located as well as a soft one. The edge is odd about its middle:
-asymmetry by the air moves all of a limb equally, which is a change of height. Neglected: on bare ground, without air,
-the radiance an angle ``x`` inside the limb goes as ``sqrt(x)``; a straight line in its place moves the limb by 0.04
-px, all of it equally.
+Space ``b``, step ``a``, shading ``c`` and shift ``d`` are separate, the width ``s`` is common to all. No level is
+interpolated and the pixel's extent is part of the model, so that a hard edge is located as well as a soft one. The
+edge is odd about its middle: asymmetry by the air moves all of a limb equally, which is a change of height. Neglected:
+on bare ground, without air, the radiance an angle ``x`` inside the limb goes as ``sqrt(x)``; a straight line in its
+place moves the limb by 0.04 px, all of it equally.
 
-**Steepest position** (:func:`to_steepest`, of the guard). It is where a ray's optical depth passes one, which depends
-on the air and hardly on window, saturation, clouds or Sun. With ``D_i`` the differences of neighbouring pixels,
-smoothed by a Gaussian ``G`` of one pixel, it is the ``d`` of ``f = sum D_i (x_i - d) G(x_i - d) = 0``.
-
-**Covariance** of a cone through steepest positions. Their residuals hold patterns that another exposure repeats (phase
-of the pixels, clouds, shape of the Earth). The noise of the pixels is therefore propagated: ``f`` is linear in them,
-and ``d`` moves by ``-df / f'``. Points of one row or column share their pixels and count as one.
+**Covariance** of a cone through such points. Their residuals hold patterns that another exposure repeats (phase of the
+pixels, clouds, shape of the Earth). The noise of the pixels is therefore propagated through the fit, which is linear
+in them. Points of one row or column share their pixels and count as one.
 
 **Noise of the pixels** is measured near the limb by Immerkaer's operator, which is blind to edges and smooth shading:
 one variance in space, and one that grows in proportion to the grey level, as for counted electrons. Where space is cut
@@ -34,7 +28,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
@@ -46,54 +39,31 @@ from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import off_axis_angle
 
 STEPS = 6
-"""Steps of Newton's method from a pixel away; the next would change less than a hundredth of a pixel."""
+"""Gauss-Newton steps from a pixel away; the next would change less than a hundredth of a pixel."""
 SETTLED_PX = 0.5
 """A last step as long as that leads nowhere."""
 SHARPEST_PX = 0.02
 """Smallest width: such an edge is hard to a hundredth of a pixel."""
 TINY = 1e-9
-"""Regularisation of a flat profile's equations, and slope that rounding leaves of it, for levels of unit size."""
-SIGMA_PX = 1.0
-"""Smoothing of the steepest position: about a lens's own blur."""
-SEARCH_PX, NEEDED_PX = 6.0, 4.0
-"""Search range for the steepest position about a point, and what must lie in the image to both sides of it."""
+"""Regularisation of a flat profile's equations, for levels of unit size."""
 
 
 @dataclass(frozen=True)
-class Across:
-    """Whole pixels across n points of a limb, from outside inwards.
+class FittedEdges:
+    """Edges of n rows or columns across a limb.
 
-    ``levels``, ``known``: shape (n, k); ``ends``: shape (n, k + 1), distances of the pixels' ends inside the cone [px];
-    ``line``: shape (n, 3), the row or column and its middle pixel.
+    ``shift``: shape (n,), inwards [px]; ``step``, ``deep``: shape (n,), brightness at the edge and of the innermost
+    pixels over space; ``good``: which are edges near the cone; ``levels``, ``by_level``: shape (n, k), the pixels, and
+    the derivative of the shift by them; ``line``: shape (n, 3), the row or column.
     """
 
+    shift: FloatArray
+    step: FloatArray
+    deep: FloatArray
+    good: NDArray[np.bool_]
     levels: FloatArray
-    known: NDArray[np.bool_]
-    ends: FloatArray
+    by_level: FloatArray
     line: FloatArray
-
-    @staticmethod
-    def read(
-        level: PyramidLevel,
-        camera: CameraModel,
-        uv: FloatArray,
-        inwards: FloatArray,
-        axis_cam: FloatArray,
-        rho_rad: float | FloatArray,
-        px_rad: float | FloatArray,
-        offsets: FloatArray,
-    ) -> Across:
-        """Read a level at offsets (k,) along rows and columns from places ``uv`` (n, 2) [px of the picture]."""
-        middle = np.rint(uv / level.scale)
-        along = np.abs(inwards) >= np.abs(inwards[:, ::-1])
-        step = np.where(along, np.sign(inwards), 0.0)
-        levels, known = level.at(middle[:, None] + offsets[:, None] * step[:, None])
-        ends = np.append(offsets, offsets[-1] + 1.0) - 0.5
-        los = unproject(camera, level.scale * (middle[:, None] + ends[:, None] * step[:, None]))
-        distance = np.reshape(rho_rad, (-1, 1)) - off_axis_angle(los, axis_cam)
-        ends = distance / np.reshape(px_rad, (-1, 1))
-        known &= np.isfinite(ends[:, 1:] + ends[:, :-1])
-        return Across(levels, known, ends, np.column_stack([along[:, 0], middle]))
 
 
 def points_of(
@@ -111,33 +81,95 @@ def points_of(
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale)
     if not len(trace.azimuth):
         return np.empty((0, 2)), np.empty(0), np.empty(0)
-    offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
+    reach = inner_reach(trace, rho_rad, level.scale)
     px_rad = level.scale * trace.px_rad
-    across = Across.read(level, camera, trace.uv, trace.inwards, axis_cam, rho_rad, px_rad, offsets)
-    enough = enough_known(across.known, offsets) & np.isfinite(across.ends).all(axis=1)
-    trace, profiles = trace.take(enough), across.levels[enough]
-    # Blur by a pixel's extent along the limb: standard deviation of a uniform distribution.
-    beside = np.abs(trace.inwards).min(axis=1) / np.sqrt(12.0)
-    shift, step, space, good = _fitted(profiles, across.ends[enough], beside, width_px)
-    good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside)
-    order = np.flatnonzero(good)
+    edges = _edges(level, camera, trace.uv, trace.inwards, axis_cam, rho_rad, px_rad, reach, width_px)
+    order = np.flatnonzero(edges.good & ((edges.step > 0.0) == bright_inside))
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
-    uv = trace.uv[order] + level.scale * shift[order, None] * trace.inwards[order]
-    return uv, step[order], profiles[order, -INNERMOST:].mean(axis=1) - space[order]
+    uv = trace.uv[order] + level.scale * edges.shift[order, None] * trace.inwards[order]
+    return uv, edges.step[order], edges.deep[order]
+
+
+def to_edge(
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Move lines of sight across the limb to its edge; return (m, 3), and their input rows (m,).
+
+    ``los_cam``: shape (n, 3), right to two pixels; ``axis_cam``: shape (3,), of their cone; ``bright_inside``: grey
+    level rises towards the axis. Points leave whose profile is not in the image or has no edge.
+    """
+    edges = _edges_at(image, camera, los_cam, axis_cam)
+    kept = np.flatnonzero(edges.good & ((edges.step > 0.0) == bright_inside))
+    angle = edges.shift[kept, None] / max(camera.fx, camera.fy)
+    return np.cos(angle) * los_cam[kept] + np.sin(angle) * inwards_of(los_cam[kept], axis_cam), kept
+
+
+def noise_covariance(
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, noise: PixelNoise
+) -> FloatArray:
+    """Return the covariance [rad^2], shape (3, 3), of (axis along basis 1, basis 2, half-angle).
+
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3,
+    points of the limb. Raises ``LinAlgError``: no cone is determined.
+    """
+    edges = _edges_at(image, camera, los_cam, axis_cam)
+    variance = (edges.by_level**2 * noise.variance(edges.levels)).sum(axis=1)
+    _, line, points = np.unique(edges.line, axis=0, return_inverse=True, return_counts=True)
+    # A point that the image moves inwards is seen at a smaller angle from the axis.
+    gain = cone_gain(los_cam, axis_cam) / max(camera.fx, camera.fy)
+    return np.asarray((gain * np.where(edges.good, variance * points[line.ravel()], 0.0)) @ gain.T)
+
+
+def _edges_at(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> FittedEdges:
+    """Return the edges at lines of sight (n, 3) in an image, in pixels of the optical axis."""
+    px_rad = 1.0 / max(camera.fx, camera.fy)
+    uv, inner = project(camera, np.array([los_cam, los_cam + px_rad * inwards_of(los_cam, axis_cam)]))[0]
+    level = PyramidLevel(np.asarray(image, dtype=np.float32), None, 1.0, 0.0)
+    rho = off_axis_angle(los_cam, axis_cam)[:, None]
+    return _edges(level, camera, uv, inner - uv, axis_cam, rho, np.full(len(uv), px_rad), REACH_PX, WIDTHS_PX[1])
+
+
+def _edges(
+    level: PyramidLevel,
+    camera: CameraModel,
+    uv: FloatArray,
+    inwards: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float | FloatArray,
+    px_rad: FloatArray,
+    reach_px: int,
+    width_px: float,
+) -> FittedEdges:
+    """Return the edges of the rows or columns through places (n, 2) [px of the picture] of a level."""
+    offsets = np.arange(-REACH_PX, reach_px + 1.0)
+    middle = np.rint(uv / level.scale)
+    along = np.abs(inwards) >= np.abs(inwards[:, ::-1])
+    step = np.where(along, np.sign(inwards), 0.0)
+    levels, known = level.at(middle[:, None] + offsets[:, None] * step[:, None])
+    # Distance inside the cone of the ends of every pixel along its row or column.
+    ends = np.append(offsets, offsets[-1] + 1.0) - 0.5
+    los = unproject(camera, level.scale * (middle[:, None] + ends[:, None] * step[:, None]))
+    x = (rho_rad - off_axis_angle(los, axis_cam)) / px_rad[:, None]
+    good = enough_known(known, offsets) & np.isfinite(x).all(axis=1)
+    x = np.where(good[:, None], x, ends)
+    # Blur by a pixel's extent along the limb: standard deviation of a uniform distribution.
+    beside = np.abs(inwards).min(axis=1) / np.linalg.norm(inwards, axis=1) / np.sqrt(12.0)
+    shift, step, space, settled, by_level = _fitted(levels, x, beside, width_px, good)
+    good &= settled & (np.abs(shift) <= SHIFTS_PX[-1])
+    deep = levels[:, -INNERMOST:].mean(axis=1) - space
+    return FittedEdges(shift, step, deep, good, levels, by_level, np.column_stack([along[:, 0], middle]))
 
 
 def _fitted(
-    profiles: FloatArray, ends: FloatArray, beside: FloatArray, width_px: float
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return shift, step and space of profiles (n, k), shape (n,) each, and which of them have an edge.
+    profiles: FloatArray, ends: FloatArray, beside: FloatArray, width_px: float, used: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray]:
+    """Return of profiles (n, k) shift, step, space, (n,) each, which have an edge, and derivatives of the shift (n, k).
 
-    ``ends``: shape (n, k + 1); ``beside``: shape (n,), blur by the pixels' extent along the limb; ``width_px``: first
-    width.
+    ``ends``: shape (n, k + 1), distances inside the cone; ``beside``: shape (n,), blur by the pixels' extent along the
+    limb; ``width_px``: first width; ``used``: profiles that determine it.
     """
-    n = len(profiles)
-    shift, step, space, shading = np.zeros((4, n))
-    good = np.ones(n, dtype=bool)
-    design = np.ones((n, 4, profiles.shape[1]))
+    shift, step, space, shading = np.zeros((4, len(profiles)))
+    design = np.ones((len(profiles), 4, profiles.shape[1]))
     across = np.diff(ends, axis=1)
     width = width_px
     for _ in range(STEPS):
@@ -152,84 +184,21 @@ def _fitted(
         ratio = np.clip(shading / np.where(step != 0.0, step, np.inf), -1.0, 1.0)[:, None]
         design[:, 1], design[:, 3] = edge, edge * x / REACH_PX
         design[:, 2] = slope + ratio * (edge + x * slope) / REACH_PX
-        gram = design @ design.transpose(0, 2, 1) + TINY * np.eye(4)
-        both = np.linalg.solve(gram, design @ np.stack([profiles, widened], axis=2))
+        inverse = np.linalg.inv(design @ design.transpose(0, 2, 1) + TINY * np.eye(4))
+        both = inverse @ (design @ np.stack([profiles, widened], axis=2))
         levels = both[:, :, 0]
         space, step, shading = np.asarray(levels[:, [0, 1, 3]].T)
-        good &= step != 0.0
-        move = np.clip(-levels[:, 2] / np.where(good, step, np.inf), -1.0, 1.0)
+        per_step = 1.0 / np.where(step != 0.0, step, np.inf)
+        move = np.clip(-levels[:, 2] * per_step, -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
         # The width by what neither levels nor shifts explain, at most twice or half of it at a time.
-        near = good & (np.abs(shift) <= SHIFTS_PX[-1])
         left = profiles - np.einsum("ijk,ij->ik", design, levels)
+        near = used & (np.abs(shift) <= SHIFTS_PX[-1])
         free = (near * step)[:, None] * (widened - np.einsum("ijk,ij->ik", design, both[:, :, 1]))
         wider = width + float((free * left).sum() / max((free * free).sum(), TINY))
         width = min(max(wider, SHARPEST_PX, 0.5 * width), WIDTHS_PX[-1], 2.0 * width)
-    return shift, step, space, good & (np.abs(move) < SETTLED_PX)
-
-
-def to_steepest(
-    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Move lines of sight across the limb to the steepest position; return (m, 3), and their input rows (m,).
-
-    ``los_cam``: shape (n, 3), right to a few pixels; ``axis_cam``: shape (3,), of their cone; ``bright_inside``: grey
-    level rises towards the axis. Points leave whose profile is not in the image or steepest outside the search.
-    """
-    across = _read_at(image, camera, los_cam, axis_cam)
-    sign = 1.0 if bright_inside else -1.0
-    middle = 0.5 * (across.ends[:, 1:] + across.ends[:, :-1])
-    slope = sign * gaussian_filter1d(across.levels, SIGMA_PX, axis=1, order=1)
-    slope[(np.abs(middle) > SEARCH_PX) | ~across.known] = -np.inf
-    shift = middle[np.arange(len(slope)), np.argmax(slope, axis=1)]
-    for _ in range(STEPS):
-        f, change, _ = _about(across, shift)
-        shift = shift + np.clip(-f / np.where(change != 0.0, change, np.inf), -SETTLED_PX, SETTLED_PX)
-    _, change, _ = _about(across, shift)
-    near = np.abs(middle - shift[:, None]) <= NEEDED_PX
-    good = (near <= across.known).all(axis=1) & (np.abs(shift) <= SEARCH_PX)
-    # Rounding leaves a slope on a level image, which is none.
-    good &= sign * change < -TINY * float(max(image.max(), -image.min()))
-    kept = np.flatnonzero(good)
-    angle = shift[kept, None] / max(camera.fx, camera.fy)
-    return np.cos(angle) * los_cam[kept] + np.sin(angle) * inwards_of(los_cam[kept], axis_cam), kept
-
-
-def _read_at(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Across:
-    """Return the pixels of an image across lines of sight (n, 3), at distances from them [px of the optical axis]."""
-    px_rad = 1.0 / max(camera.fx, camera.fy)
-    uv, inner = project(camera, np.array([los_cam, los_cam + px_rad * inwards_of(los_cam, axis_cam)]))[0]
-    # A row at 45 deg to the limb takes more of its pixels.
-    reach = np.ceil(np.sqrt(2.0) * (SEARCH_PX + NEEDED_PX))
-    level = PyramidLevel(np.asarray(image, dtype=np.float32), None, 1.0, 0.0)
-    rho = off_axis_angle(los_cam, axis_cam)
-    return Across.read(level, camera, uv, inner - uv, axis_cam, rho, px_rad, np.arange(-reach, reach + 1.0))
-
-
-def _about(across: Across, shift: FloatArray | float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return ``f`` at shifts (n,) or one, its derivative, shape (n,) each, and that by the differences, (n, k - 1)."""
-    x = (across.ends[:, 1:-1] - np.reshape(shift, (-1, 1))) / SIGMA_PX
-    smooth = np.exp(-0.5 * x * x)
-    step, moment = np.diff(across.levels, axis=1), x * smooth
-    return (step * moment).sum(axis=1), (step * smooth * (x * x - 1.0)).sum(axis=1) / SIGMA_PX, moment
-
-
-def noise_covariance(
-    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, noise: PixelNoise
-) -> FloatArray:
-    """Return the covariance [rad^2], shape (3, 3), of (axis along basis 1, basis 2, half-angle).
-
-    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3,
-    steepest positions. Raises ``LinAlgError``: no cone is determined.
-    """
-    across = _read_at(image, camera, los_cam, axis_cam)
-    _, change, by_step = _about(across, 0.0)
-    by_level = np.diff(by_step, axis=1, prepend=0.0, append=0.0)
-    variance = (by_level**2 * noise.variance(across.levels)).sum(axis=1) / np.where(change != 0.0, change, np.inf) ** 2
-    _, line, points = np.unique(across.line, axis=0, return_inverse=True, return_counts=True)
-    # A point that the image moves inwards is seen at a smaller angle from the axis.
-    gain = cone_gain(los_cam, axis_cam) / max(camera.fx, camera.fy)
-    return np.asarray((gain * (variance * points[line.ravel()])) @ gain.T)
+    by_level = np.einsum("ij,ijk->ik", inverse[:, 2], design) * -per_step[:, None]
+    return shift, step, space, (step != 0.0) & (np.abs(move) < SETTLED_PX), by_level
 
 
 FEWEST_PIXELS = 50
