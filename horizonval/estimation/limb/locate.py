@@ -141,7 +141,8 @@ def _edges(
     width_px: float,
 ) -> FittedEdges:
     """Return the edges of the rows or columns through places (n, 2) [px of the picture] of a level."""
-    offsets = np.arange(-REACH_PX, reach_px + 1.0)
+    # A row at 45 deg to the limb takes more pixels to the same reach.
+    offsets = np.arange(-np.ceil(np.sqrt(2.0) * REACH_PX), np.ceil(np.sqrt(2.0) * reach_px) + 1.0)
     middle = np.rint(uv / level.scale)
     along = np.abs(inwards) >= np.abs(inwards[:, ::-1])
     step = np.where(along, np.sign(inwards), 0.0)
@@ -150,26 +151,38 @@ def _edges(
     ends = np.append(offsets, offsets[-1] + 1.0) - 0.5
     los = unproject(camera, level.scale * (middle[:, None] + ends[:, None] * step[:, None]))
     x = (rho_rad - off_axis_angle(los, axis_cam)) / px_rad[:, None]
-    good = enough_known(known, offsets) & np.isfinite(x).all(axis=1)
+    x = np.where(np.isfinite(x).all(axis=1, keepdims=True), x, np.inf)
+    # The same window at every slant: an asymmetric edge is then at the same height all along.
+    middle = 0.5 * (x[:, 1:] + x[:, :-1])
+    within = (middle > -REACH_PX - 0.5) & (middle < reach_px + 0.5)
+    good = enough_known(known | ~within, offsets) & np.isfinite(x).all(axis=1)
     x = np.where(good[:, None], x, ends)
     # Blur by a pixel's extent along the limb: standard deviation of a uniform distribution.
     beside = np.abs(inwards).min(axis=1) / np.linalg.norm(inwards, axis=1) / np.sqrt(12.0)
-    shift, step, space, settled, by_level = _fitted(levels, x, beside, width_px, good)
+    weight = (known & within).astype(np.float64)
+    shift, step, space, settled, by_level = _fitted(levels, weight, x, beside, width_px, good)
     good &= settled & (np.abs(shift) <= SHIFTS_PX[-1])
     deep = levels[:, -INNERMOST:].mean(axis=1) - space
     return FittedEdges(shift, step, deep, good, levels, by_level, np.column_stack([along[:, 0], middle]))
 
 
 def _fitted(
-    profiles: FloatArray, ends: FloatArray, beside: FloatArray, width_px: float, used: NDArray[np.bool_]
+    levels: FloatArray,
+    weight: FloatArray,
+    ends: FloatArray,
+    beside: FloatArray,
+    width_px: float,
+    used: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray]:
     """Return of profiles (n, k) shift, step, space, (n,) each, which have an edge, and derivatives of the shift (n, k).
 
-    ``ends``: shape (n, k + 1), distances inside the cone; ``beside``: shape (n,), blur by the pixels' extent along the
-    limb; ``width_px``: first width; ``used``: profiles that determine it.
+    ``weight``: shape (n, k), 1 where a pixel counts, else 0; ``ends``: shape (n, k + 1), distances inside the cone;
+    ``beside``: shape (n,), blur by the pixels' extent along the limb; ``width_px``: first width; ``used``: profiles
+    that determine it.
     """
-    shift, step, space, shading = np.zeros((4, len(profiles)))
-    design = np.ones((len(profiles), 4, profiles.shape[1]))
+    shift, step, space, shading = np.zeros((4, len(levels)))
+    profiles = weight * levels
+    design = np.repeat(weight[:, None], 4, axis=1)
     across = np.diff(ends, axis=1)
     width = width_px
     for _ in range(STEPS):
@@ -182,17 +195,17 @@ def _fitted(
         x = 0.5 * (x[:, 1:] + x[:, :-1])
         # The derivative by the shift, with the levels of the step before.
         ratio = np.clip(shading / np.where(step != 0.0, step, np.inf), -1.0, 1.0)[:, None]
-        design[:, 1], design[:, 3] = edge, edge * x / REACH_PX
-        design[:, 2] = slope + ratio * (edge + x * slope) / REACH_PX
+        widened *= weight
+        design[:, 1], design[:, 3] = weight * edge, weight * edge * x / REACH_PX
+        design[:, 2] = weight * (slope + ratio * (edge + x * slope) / REACH_PX)
         inverse = np.linalg.inv(design @ design.transpose(0, 2, 1) + TINY * np.eye(4))
         both = inverse @ (design @ np.stack([profiles, widened], axis=2))
-        levels = both[:, :, 0]
-        space, step, shading = np.asarray(levels[:, [0, 1, 3]].T)
+        space, step, moved, shading = np.asarray(both[:, :, 0].T)
         per_step = 1.0 / np.where(step != 0.0, step, np.inf)
-        move = np.clip(-levels[:, 2] * per_step, -1.0, 1.0)
+        move = np.clip(-moved * per_step, -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
         # The width by what neither levels nor shifts explain, at most twice or half of it at a time.
-        left = profiles - np.einsum("ijk,ij->ik", design, levels)
+        left = profiles - np.einsum("ijk,ij->ik", design, both[:, :, 0])
         near = used & (np.abs(shift) <= SHIFTS_PX[-1])
         free = (near * step)[:, None] * (widened - np.einsum("ijk,ij->ik", design, both[:, :, 1]))
         wider = width + float((free * left).sum() / max((free * free).sum(), TINY))
