@@ -5,11 +5,12 @@ inside the cone, Gauss-Newton finds the least squares of ::
 
     I = b + a E(x - d) + c x E(x - d),     E: mean over the pixel of Phi(x / s)
 
-Space ``b``, step ``a``, shading ``c`` and shift ``d`` are separate, the width ``s`` is common to all. No level is
-interpolated and the pixel's extent is part of the model, so that a hard edge is located as well as a soft one. The
-edge is odd about its middle: asymmetry by the air moves all of a limb equally, which is a change of height. Neglected:
-on bare ground, without air, the radiance an angle ``x`` inside the limb goes as ``sqrt(x)``; a straight line in its
-place moves the limb by 0.04 px, all of it equally.
+Space ``b``, step ``a``, shading ``c`` and shift ``d`` are separate. The width ``s`` is common to all, in pixels if the
+lens makes it, in angle if the air does; the one with the smaller residuals is taken. No level is interpolated and the
+pixel's extent is part of the model, so that a hard edge is located as well as a soft one. The edge is odd about its
+middle: asymmetry by the air moves all of a limb equally, which is a change of height. Neglected: on bare ground,
+without air, the radiance an angle ``x`` inside the limb goes as ``sqrt(x)``; a straight line in its place moves the
+limb by 0.04 px, all of it equally.
 
 **Covariance** of a cone through such points. Their residuals hold patterns that another exposure repeats (phase of the
 pixels, clouds, shape of the Earth). The noise of the pixels is therefore propagated through the fit, which is linear
@@ -82,11 +83,13 @@ def points_of(
     if not len(trace.azimuth):
         return np.empty((0, 2)), np.empty(0), np.empty(0)
     reach = inner_reach(trace, rho_rad, level.scale)
-    px_rad = level.scale * trace.px_rad
+    # A soft limb is as wide in angle all along, not in pixels.
+    px_rad = level.scale * trace.middle_px_rad
     edges = _edges(level, camera, trace.uv, trace.inwards, axis_cam, rho_rad, px_rad, reach, width_px)
     order = np.flatnonzero(edges.good & ((edges.step > 0.0) == bright_inside))
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
-    uv = trace.uv[order] + level.scale * edges.shift[order, None] * trace.inwards[order]
+    shift = edges.shift[order] * px_rad / trace.px_rad[order]
+    uv = trace.uv[order] + shift[:, None] * trace.inwards[order]
     return uv, edges.step[order], edges.deep[order]
 
 
@@ -126,7 +129,7 @@ def _edges_at(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_
     uv, inner = project(camera, np.array([los_cam, los_cam + px_rad * inwards_of(los_cam, axis_cam)]))[0]
     level = PyramidLevel(np.asarray(image, dtype=np.float32), None, 1.0, 0.0)
     rho = off_axis_angle(los_cam, axis_cam)[:, None]
-    return _edges(level, camera, uv, inner - uv, axis_cam, rho, np.full(len(uv), px_rad), REACH_PX, WIDTHS_PX[1])
+    return _edges(level, camera, uv, inner - uv, axis_cam, rho, px_rad, REACH_PX, WIDTHS_PX[2])
 
 
 def _edges(
@@ -136,7 +139,7 @@ def _edges(
     inwards: FloatArray,
     axis_cam: FloatArray,
     rho_rad: float | FloatArray,
-    px_rad: FloatArray,
+    px_rad: float,
     reach_px: int,
     width_px: float,
 ) -> FittedEdges:
@@ -150,18 +153,23 @@ def _edges(
     # Distance inside the cone of the ends of every pixel along its row or column.
     ends = np.append(offsets, offsets[-1] + 1.0) - 0.5
     los = unproject(camera, level.scale * (middle[:, None] + ends[:, None] * step[:, None]))
-    x = (rho_rad - off_axis_angle(los, axis_cam)) / px_rad[:, None]
+    x = (rho_rad - off_axis_angle(los, axis_cam)) / px_rad
     x = np.where(np.isfinite(x).all(axis=1, keepdims=True), x, np.inf)
     # The same window at every slant: an asymmetric edge is then at the same height all along.
-    middle = 0.5 * (x[:, 1:] + x[:, :-1])
-    within = (middle > -REACH_PX - 0.5) & (middle < reach_px + 0.5)
+    depth = 0.5 * (x[:, 1:] + x[:, :-1])
+    within = (depth > -REACH_PX - 0.5) & (depth < reach_px + 0.5)
     good = enough_known(known | ~within, offsets) & np.isfinite(x).all(axis=1)
     x = np.where(good[:, None], x, ends)
-    # Blur by a pixel's extent along the limb: standard deviation of a uniform distribution.
-    beside = np.abs(inwards).min(axis=1) / np.linalg.norm(inwards, axis=1) / np.sqrt(12.0)
+    # Of a pixel its size, and the standard deviation of its extent along the limb.
+    direction = np.abs(inwards) / np.linalg.norm(inwards, axis=1)[:, None]
+    pixel = np.diff(x, axis=1).mean(axis=1) / direction.max(axis=1)
+    beside = pixel * direction.min(axis=1) / np.sqrt(12.0)
     weight = (known & within).astype(np.float64)
-    shift, step, space, settled, by_level = _fitted(levels, weight, x, beside, width_px, good)
-    good &= settled & (np.abs(shift) <= SHIFTS_PX[-1])
+    # A lens's width is the same in pixels, the air's in angle: the one that the pixels confirm.
+    sizes = (pixel, np.ones_like(pixel)) if good.any() and np.ptp(pixel[good]) > 0.1 else (pixel,)
+    fits = [_fitted(levels, weight, x, size, beside, width_px, good) for size in sizes]
+    shift, step, space, settled, by_level, _ = min(fits, key=lambda one: one[-1])
+    good &= settled & (np.abs(shift) <= SHIFTS_PX[-1] * pixel)
     deep = levels[:, -INNERMOST:].mean(axis=1) - space
     return FittedEdges(shift, step, deep, good, levels, by_level, np.column_stack([along[:, 0], middle]))
 
@@ -170,15 +178,16 @@ def _fitted(
     levels: FloatArray,
     weight: FloatArray,
     ends: FloatArray,
+    size: FloatArray,
     beside: FloatArray,
     width_px: float,
     used: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return of profiles (n, k) shift, step, space, (n,) each, which have an edge, and derivatives of the shift (n, k).
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray, float]:
+    """Return of profiles (n, k) shift, step, space, (n,) each, which have an edge, by_level (n, k), and the misfit.
 
     ``weight``: shape (n, k), 1 where a pixel counts, else 0; ``ends``: shape (n, k + 1), distances inside the cone;
-    ``beside``: shape (n,), blur by the pixels' extent along the limb; ``width_px``: first width; ``used``: profiles
-    that determine it.
+    ``size``, ``beside``: shape (n,), unit of the width, and blur by a pixel's extent along the limb; ``width_px``:
+    first width; ``used``: profiles that determine it.
     """
     shift, step, space, shading = np.zeros((4, len(levels)))
     profiles = weight * levels
@@ -187,11 +196,14 @@ def _fitted(
     width = width_px
     for _ in range(STEPS):
         x = ends - shift[:, None]
-        blur = np.hypot(width, beside)[:, None]
+        blur = np.hypot(width * size, beside)[:, None]
         z = x / blur
         below, density = ndtr(z), np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
         edge = np.diff(x * below + blur * density, axis=1) / across
-        slope, widened = np.diff(below, axis=1) / across, np.diff(density, axis=1) / across * (width / blur)
+        slope, widened = (
+            np.diff(below, axis=1) / across,
+            np.diff(density, axis=1) / across * (width * size[:, None] ** 2 / blur),
+        )
         x = 0.5 * (x[:, 1:] + x[:, :-1])
         # The derivative by the shift, with the levels of the step before.
         ratio = np.clip(shading / np.where(step != 0.0, step, np.inf), -1.0, 1.0)[:, None]
@@ -204,14 +216,15 @@ def _fitted(
         per_step = 1.0 / np.where(step != 0.0, step, np.inf)
         move = np.clip(-moved * per_step, -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
-        # The width by what neither levels nor shifts explain, at most twice or half of it at a time.
+        # The width by what neither levels nor shifts explain, a quarter of it at least.
         left = profiles - np.einsum("ijk,ij->ik", design, both[:, :, 0])
         near = used & (np.abs(shift) <= SHIFTS_PX[-1])
         free = (near * step)[:, None] * (widened - np.einsum("ijk,ij->ik", design, both[:, :, 1]))
         wider = width + float((free * left).sum() / max((free * free).sum(), TINY))
-        width = min(max(wider, SHARPEST_PX, 0.5 * width), WIDTHS_PX[-1], 2.0 * width)
+        width = min(max(wider, 0.25 * width, SHARPEST_PX), 2.0 * width, WIDTHS_PX[-1])
     by_level = np.einsum("ij,ijk->ik", inverse[:, 2], design) * -per_step[:, None]
-    return shift, step, space, (step != 0.0) & (np.abs(move) < SETTLED_PX), by_level
+    misfit = float((left[used] ** 2).sum())
+    return shift, step, space, (step != 0.0) & (np.abs(move) < SETTLED_PX), by_level, misfit
 
 
 FEWEST_PIXELS = 50
