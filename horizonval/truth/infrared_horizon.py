@@ -114,7 +114,7 @@ def needed(height_m: FloatArray, *, opaque: bool) -> NDArray[np.bool_]:
 
     Opaque air hides what is below its plateau; a window drops low down, and is even above 28 km.
     """
-    return height_m >= PLATEAU_M[0] if opaque else (height_m <= 28e3) | (height_m % 2e3 == 0.0) | (height_m > 60e3)
+    return height_m >= PLATEAU_M[0] if opaque else (height_m <= 28e3) | (height_m % 4e3 == 0.0)
 
 
 @dataclass(frozen=True)

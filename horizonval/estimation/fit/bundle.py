@@ -204,8 +204,7 @@ class ShotEquations:
 
     ``normal``: shape (x + c, x + c), of pose and own unknowns and of the shared ones that are free; ``mixed``: shape
     (x + c, a), of these and the air; ``air``: shape (a, a). All without the unit priors of air and shared unknowns.
-    ``rights``: shapes (x + c,) and (a,), of the present state; ``first_rights``: of that of the derivatives;
-    ``exact``: see :class:`.image.Linear`.
+    ``rights``: shapes (x + c,) and (a,), of the present state; ``exact``: see :class:`.image.Linear`.
     """
 
     def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray, free: NDArray[np.intp]) -> None:
@@ -235,21 +234,13 @@ class ShotEquations:
             self.mixed[:, at] += picked.T @ linear.mixed
             if not alone:
                 self.air[np.ix_(at, at)] += linear.air
-        self.rights = self.first_rights = self._rights(shared)
+        self.rights = self._rights(shared)
 
     def again(self, shared: FloatArray) -> ShotEquations:
         """Return the same derivatives with the residuals of the shot's present state."""
         again = copy(self)
         again.rights = again._rights(shared)
         return again
-
-    def rights_of(self, image: int, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (x + c,) and (a,), that other residuals of one image make alone."""
-        assert self._shot.chosen is not None
-        of_pixels, of_air = self.linears[image].rights(look, weights)
-        right_air = np.zeros(len(self.air))
-        right_air[self._shot.chosen.columns[image]] = of_air
-        return self._picked[image].T @ of_pixels, right_air
 
     def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         shot = self._shot
@@ -502,12 +493,6 @@ class Solved:
             own = self._inverse[k] @ right - self._gains[k] @ of_free
             parts += [own, self._airless[k].air_step(np.concatenate([own, of_free]), half_air)]
         return parts
-
-    def product(self, k: int, one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
-        """Return the product of a shot's right sides (x + c,), (a,) with the answer to others, what is shared held."""
-        count = self._bundle.shots[k].count
-        (right, half), (other_right, other_half) = (self._airless[k].without_air(*sides) for sides in (one, other))
-        return float(right[:count] @ self._inverse[k] @ other_right[:count]) + float(half @ other_half)
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -13,19 +13,23 @@ from horizonval.renderer.backend import activate
 activate()
 import mitsuba as mi  # noqa: E402
 
-from horizonval.renderer.view_table.patch_table import PatchTable, Tabulated  # noqa: E402
+from horizonval.renderer.kernel.frame_geometry import RayCoordinates  # noqa: E402
+from horizonval.renderer.planet import Planet  # noqa: E402
+from horizonval.renderer.types import constant  # noqa: E402
+from horizonval.renderer.view_table.ray_table import PACKET, Knots, RayPlane, RayTable  # noqa: E402
+from horizonval.renderer.view_table.stations import StationPlace, look_at_stations  # noqa: E402
 
 TOLERANCE = 1e-3
 
 
-def _table(function, quantities: int = 4) -> PatchTable:
+def _table(function, quantities: int = 4) -> RayTable:
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         return np.stack([(k + 1.0) * function(x, azimuth) for k in range(quantities)], axis=1)
 
-    return PatchTable(Tabulated(values, lambda v: TOLERANCE * np.maximum(np.abs(v), 0.1), quantities))
+    return RayTable(values, quantities, allowed=lambda v: TOLERANCE * np.maximum(np.abs(v), 0.1))
 
 
-def _looked(table: PatchTable, x: FloatArray, azimuth: FloatArray) -> FloatArray:
+def _looked(table: RayTable, x: FloatArray, azimuth: FloatArray) -> FloatArray:
     places = mi.Float64(x), mi.Float64(azimuth)
     table.cover(*places)
     return np.stack([np.array(v) for v in table.look(*places, [0])], axis=1)
@@ -52,7 +56,6 @@ def test_a_smooth_function_is_less_than_a_tenth_of_the_tolerance_off() -> None:
     table = _table(_smooth)
     x, azimuth = _draws(20_000)
     assert np.abs(_looked(table, x, azimuth)[:, 0] / _smooth(x, azimuth) - 1.0).max() < TOLERANCE / 10.0
-    assert table.rough(mi.Float64(x), mi.Float64(azimuth)) is None
 
 
 def test_a_kink_is_within_the_tolerance_in_small_patches() -> None:
@@ -66,17 +69,6 @@ def _patches_of(function, count: int = 2000) -> int:
     table = _table(function)
     _looked(table, *_draws(count))
     return table.patches
-
-
-def test_rays_beside_a_jump_are_marked_and_only_those() -> None:
-    table = _table(_jumping)
-    x, azimuth = _draws(20_000)
-    off = np.abs(_looked(table, x, azimuth)[:, 0] / _jumping(x, azimuth) - 1.0) > TOLERANCE
-    mask = table.rough(mi.Float64(x), mi.Float64(azimuth))
-    assert mask is not None
-    rough = np.array(mask)
-    assert not np.any(off & ~rough)
-    assert rough.mean() < 0.05
 
 
 def test_edges_of_the_axes_belong_to_the_outermost_patches() -> None:
@@ -118,52 +110,49 @@ def test_packets_may_be_chosen_ray_by_ray() -> None:
     assert np.array(values[0]) == pytest.approx(expected, rel=1e-4)
 
 
-TOP_M = 1e5
-EDGES_M = (13_878.0, 15_038.0, 21_000.0)
-CAMERAS = ([4.0e6, 3.0e6, 5.2e6], [6.9e6, 1.0e5, 2.0e5], [0.0, 0.0, 7.5e6], [3.0e7, 2.0e7, -1.5e7])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_even_knots_are_of_fourth_order_and_mirror_the_meridian(mirrored: bool) -> None:
+    x, azimuth = _draws(5000)
+    errors = []
+    for patches in (1, 2):
+        knots = Knots(patches, patches if mirrored else 2 * patches, mirrored=mirrored)
+        table = RayTable(lambda x, azimuth: (1.0 + x**4 + x * np.cos(azimuth))[:, None], 1, knots)
+        found = np.array(table.covered(mi.Float64(x), mi.Float64(azimuth))[0])
+        errors.append(np.abs(found - 1.0 - x**4 - x * np.cos(azimuth)).max())
+    assert errors[0] < 1e-3
+    assert errors[1] < errors[0] / 10.0
+    if mirrored:
+        both = [np.array(table.covered(mi.Float64(x), mi.Float64(sign * azimuth))[0]) for sign in (1.0, -1.0)]
+        np.testing.assert_allclose(*both, rtol=1e-13)
 
 
-def _plane(origin, to_ground=False, edges_m=EDGES_M):
-    from horizonval.renderer.kernel.frame_geometry import RayCoordinates
-    from horizonval.renderer.planet import Planet
-    from horizonval.renderer.view_table.sunlit_air import RayPlane
+def test_stations_along_a_ray_up_to_the_first_and_the_last() -> None:
+    stations = np.arange(10.0)
 
-    planet = Planet(6_378_137.0, 6_356_752.3)
-    return RayPlane.of(RayCoordinates.of(planet, np.array(origin), TOP_M), to_ground, edges_m, TOP_M)
+    def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        p, q = np.add.outer(x, stations**2), np.add.outer(0.0 * azimuth, 5.0 - stations)
+        return np.stack([p, q, p, q], axis=-1).reshape(len(x), -1)
+
+    table = RayTable(values, PACKET * len(stations), Knots(1, 1))
+    number = np.array([-0.9, 0.0, 0.45, 2.7, 4.5, 8.55, 9.0, 13.5])
+    places = mi.Float64(np.full(8, 0.25)), mi.Float64(np.linspace(-3.0, 3.0, 8))
+    table.cover(*places)
+    station = StationPlace.at(mi.Float64(number), constant(0.0), constant(9.0))
+    p, q, *_ = look_at_stations(table, *places, station, 1, [0])
+    place = np.clip(number, 0.0, 9.0)
+    assert np.array(p) == pytest.approx(0.25 + place**2, rel=1e-12)
+    assert np.array(q) == pytest.approx(5.0 - place, rel=1e-12)
 
 
 @pytest.mark.parametrize("to_ground", [True, False])
-@pytest.mark.parametrize("origin", [*CAMERAS, [6.4e6, 0.0, 0.0]])
-def test_rays_are_found_again_at_their_places(origin, to_ground):
-    from horizonval.renderer.tables import vectors
-
-    plane = _plane(origin, to_ground)
+@pytest.mark.parametrize(
+    "origin", [[4.0e6, 3.0e6, 5.2e6], [0.0, 0.0, 7.5e6], [3.0e7, 2.0e7, -1.5e7], [6.4e6, 0.0, 0.0]]
+)
+def test_rays_are_found_again_at_their_places(origin: list[float], to_ground: bool) -> None:
+    plane = RayPlane(RayCoordinates.of(Planet(6_378_137.0, 6_356_752.3), np.array(origin), 1e5), to_ground)
     rng = np.random.default_rng(3)
     x, azimuth = rng.random(2000), rng.uniform(-np.pi, np.pi, 2000)
-    found, turned = plane.place(vectors(np.array([origin])), vectors(plane.directions(x, azimuth)))
+    found, turned = plane.place(plane.camera, plane.directions(x, azimuth))
     # heights of 1e-7 m, the rounding of distances as long as this, over a limb of 1e5 m, in the worst camera
     np.testing.assert_allclose(np.array(found), x, rtol=0.0, atol=1e-7)
     np.testing.assert_allclose(np.array(turned), azimuth, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("origin", CAMERAS)
-def test_rays_on_a_border_touch_the_ellipsoid_raised_by_its_height(origin):
-    from horizonval.renderer.tables import vectors
-    from horizonval.renderer.view_table.patch_table import ROW_PATCHES
-
-    plane = _plane(origin)
-    assert plane.heights_m == (*EDGES_M, TOP_M)
-    assert sum(plane.patches) == ROW_PATCHES
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 50)
-    for border, height in zip(np.cumsum(plane.patches), plane.heights_m, strict=True):
-        d = vectors(plane.directions(np.full_like(azimuth, border / ROW_PATCHES), azimuth))
-        miss = plane.coordinates.planet.miss_distance(vectors(np.array([origin])), d, height)
-        # 1e-14 of 6.4e6 m and of the camera's distance: below a micrometre
-        np.testing.assert_allclose(np.array(miss), 1.0, rtol=0.0, atol=5e-14)
-
-
-def test_the_lowest_edges_give_way_where_there_are_more_than_patches():
-    edges = [1000.0 * k for k in range(1, 12)]
-    plane = _plane(CAMERAS[0], edges_m=edges)
-    assert plane.heights_m == (*edges[-7:], TOP_M)
-    assert set(plane.patches) == {1}
