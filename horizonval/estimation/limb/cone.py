@@ -99,10 +99,8 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
 
     A point off by the angle ``e`` has ``u = u0 + e w - e^2/2 u0``, ``w = cos rho t - sin rho n``. With ``s^2`` the mean
     of ``e^2``, the normal equations of ``u . n - cos rho`` keep in mean the right-hand side ``s^2 cos rho sin rho (3/2
-    sum t, 1/2 n)``. On a short arc, whose ``t`` spread little, that turns the axis towards it by ``s^2 cot rho mean(t)
-    / var(t)`` and narrows the cone by as much: second order in the noise, but with the arc's fourth power below.
-    Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
-    times as much. Raises ``LinAlgError`` if the points do not determine a cone.
+    sum t, 1/2 n)``, which turns the axis towards a short arc and narrows the cone. Raises ``LinAlgError`` if the points
+    do not determine a cone.
 
     ``los_cam``: shape (n, 3); ``axis``: shape (3,); ``sigma_rad``: standard deviation of a point across the limb [rad].
     """

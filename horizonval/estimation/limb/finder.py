@@ -55,19 +55,10 @@ from horizonval.geometry.rotation import off_axis_angle
 NOTHING_KNOWN = Prior()
 
 
-@dataclass(frozen=True)
-class SunBlob:
-    """A saturated blob: centre (column, row) and radius [px]."""
+def shows_sun(saturated: NDArray[np.bool_]) -> bool:
+    """Return whether the largest blob of saturated pixels (:func:`.picture.saturated_pixels`) looks like the Sun.
 
-    column: float
-    row: float
-    radius_px: float
-
-
-def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
-    """Return the largest blob of saturated pixels (:func:`.picture.saturated_pixels`) if it looks like the Sun.
-
-    It is three by three pixels at least, since hot pixels are fewer, fills most of its box and 0.3 of the image's
+    The Sun is three by three pixels at least, since hot pixels are fewer, fills most of its box and 0.3 of the image's
     smaller side at most, is round unless the image's rim cuts it, and is most of what is saturated: sunlit clouds
     saturate in many patches. Most is a share of 0.6.
     """
@@ -76,14 +67,12 @@ def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
     largest = 0.3 * min(height, width)
     # Nothing, or more than the largest Sun could be most of.
     if pixels < 9 or 0.6 * pixels > largest**2:
-        return None
+        return False
     _, _, stats, _ = cv2.connectedComponentsWithStats(saturated.view(np.uint8), connectivity=8)
     left, top, wide, high, area = (int(one) for one in stats[1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])])
     at_rim = left == 0 or top == 0 or left + wide == width or top + high == height
     even = at_rim or min(wide, high) > 0.6 * max(wide, high)
-    if not even or area < max(0.6 * max(pixels, wide * high), 9) or max(wide, high) >= largest:
-        return None
-    return SunBlob(left + (wide - 1) / 2, top + (high - 1) / 2, max(wide, high) / 2)
+    return bool(even and area >= max(0.6 * max(pixels, wide * high), 9) and max(wide, high) < largest)
 
 
 STILL_SEEN = 0.25
@@ -94,8 +83,6 @@ COARSE_PX = 144
 WHOLE = 0.9
 """Visible share of the cone's limb above which no other cone is searched. A limb with its Earth inside along less of it
 is none: chance gives half, a dark cloud hides a tenth."""
-SHORTEST_SHARE_OF_WIDTH = 0.2
-"""Smallest limb relative to the field: a tenth is half a pixel from straight in the smallest image from low orbit."""
 SMALLEST_FILL = 0.3
 """Smallest visible share of the cone's limb in view: the Sun lights half a full disc, clouds hide some of it."""
 RIVAL_SHARE = 0.5
@@ -106,9 +93,6 @@ LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """A camera 60 km up sees the Earth at 82 deg; nothing orbits there, and a prior says whose camera is lower."""
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 """Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
-FADED_SHARE = 0.7
-"""Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
-terminator, where the edge sinks below the horizon."""
 LEAST_SIGMAS = 3.0
 """Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
 disc. Within as many standard deviations a rough nadir and a limb agree."""
@@ -198,7 +182,6 @@ class _Search:
     def __init__(self, picture: Picture, camera: CameraModel, prior: Prior, coarse: bool) -> None:
         self.picture, self.camera, self.rough_nadir = picture, camera, prior.rough_nadir
         self.largest_rho_rad = largest_rho_rad(prior)
-        self.sun = find_sun(picture.saturated)
         self.levels = levels_of(picture, camera)
         sides = [max(level.grey.shape) for level in self.levels]
         self.coarse = next((k for k, side in enumerate(sides) if side <= COARSE_PX), len(sides) - 1) if coarse else None
@@ -292,7 +275,8 @@ class _Search:
     def _judged(self, found: _Candidate) -> _FoundLimb | Refusal:
         """Decide whether a cone is the limb."""
         evidence, level, camera = found.evidence, self.levels[found.number], self.camera
-        shortest = SHORTEST_SHARE_OF_WIDTH * camera.width
+        # A tenth of the width is half a pixel from straight in the smallest image from low orbit.
+        shortest = 0.2 * camera.width
         if evidence.arc_px < 0.4 * shortest:
             return Refusal(Outcome.NO_LIMB, f"the longest consistent curve measures {evidence.arc_px:.0f} px")
         if evidence.arc_px < shortest:
@@ -370,7 +354,7 @@ class _Search:
     def _refused(self, first: Refusal | None) -> Refusal:
         """Return why a picture without a limb has none; ``first``: what was said of its most probable curve."""
         picture, full_scale = self.picture, self.picture.full_scale
-        if self.sun is not None:
+        if shows_sun(picture.saturated):
             why = "no other edge" if first is None else first.reason
             return Refusal(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {why}")
         share = float(picture.saturated.mean())
@@ -390,4 +374,5 @@ def _lit(step: FloatArray, deep: FloatArray) -> NDArray[np.bool_]:
     size = max(len(step) // 32, 1)
     at_limb, inside = (uniform_filter1d(np.abs(some), size, mode="nearest") for some in (step, deep))
     share = at_limb / np.maximum(inside, np.finfo(float).tiny)
-    return np.asarray(share >= FADED_SHARE * percentile(share, 75.0))
+    # With less than 0.7 of the upper quartile a limb has faded near the terminator.
+    return np.asarray(share >= 0.7 * percentile(share, 75.0))

@@ -41,8 +41,6 @@ from horizonval.geometry.rotation import off_axis_angle
 
 STEPS = 6
 """Gauss-Newton steps from a pixel away; the next would change less than a hundredth of a pixel."""
-SETTLED_PX = 0.5
-"""A last step as long as that leads nowhere."""
 SHARPEST_PX = 0.02
 """Smallest width: such an edge is hard to a hundredth of a pixel."""
 TINY = 1e-9
@@ -224,13 +222,10 @@ def _fitted(
         width = min(max(wider, 0.25 * width, SHARPEST_PX), 2.0 * width, WIDTHS_PX[-1])
     by_level = np.einsum("ij,ijk->ik", inverse[:, 2], design) * -per_step[:, None]
     misfit = float((left[used] ** 2).sum())
-    return shift, step, space, (step != 0.0) & (np.abs(move) < SETTLED_PX), by_level, misfit
+    # A last step of half a pixel leads nowhere.
+    return shift, step, space, (step != 0.0) & (np.abs(move) < 0.5), by_level, misfit
 
 
-FEWEST_PIXELS = 50
-"""Smallest number of pixels of either side: their variance is then known to a fifth."""
-CLIPPED_SHARE = 0.1
-"""Share of space pixels at one lowest level above which noise is clipped."""
 SATURATED_SHARE = 0.97
 """Share of full scale from which a pixel is saturated; converter noise may keep it a little below."""
 
@@ -266,11 +261,13 @@ def pixel_noise(
     if full_scale is not None:
         unsaturated = level < SATURATED_SHARE * full_scale
         u, v, level, inside = u[unsaturated], v[unsaturated], level[unsaturated], inside[unsaturated]
-    if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < FEWEST_PIXELS:
+    # 50 pixels of either side give a variance to a fifth.
+    if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < 50:
         return PixelNoise(noise_sigma(image) ** 2)
     square = (cv2.filter2D(image, cv2.CV_64F, IMMERKAER)[v, u] * MEDIAN_TO_SIGMA) ** 2 / (IMMERKAER**2).sum()
     of_ground, beyond = median(square[inside]), image[v, u][~inside]
-    if float(np.mean(beyond == beyond.min())) > CLIPPED_SHARE:
+    # Space with a tenth of its pixels at one lowest level is clipped.
+    if float(np.mean(beyond == beyond.min())) > 0.1:
         return PixelNoise(of_ground)
     dark, floor = median(level[~inside]), median(square[~inside])
     step = median(level[inside]) - dark

@@ -167,10 +167,6 @@ class Trace:
         """Median angle of a pixel across the limb."""
         return median(self.px_rad)
 
-    def take(self, which: NDArray[np.bool_]) -> Trace:
-        """Return some of the places."""
-        return Trace(self.uv[which], self.inwards[which], self.px_rad[which], self.azimuth[which], self.spacing)
-
 
 def trace_limb(
     camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int | None = None
