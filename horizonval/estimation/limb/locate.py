@@ -156,6 +156,9 @@ def _edges(
     # The same window at every slant: an asymmetric edge is then at the same height all along.
     depth = 0.5 * (x[:, 1:] + x[:, :-1])
     within = (depth > -REACH_PX - 0.5) & (depth < reach_px + 0.5)
+    columns = within.any(axis=0)
+    levels, known, within, offsets = levels[:, columns], known[:, columns], within[:, columns], offsets[columns]
+    x, ends = (one[..., np.append(columns, False) | np.insert(columns, 0, False)] for one in (x, ends))
     good = enough_known(known | ~within, offsets) & np.isfinite(x).all(axis=1)
     x = np.where(good[:, None], x, ends)
     # Of a pixel its size, and the standard deviation of its extent along the limb.
@@ -163,13 +166,35 @@ def _edges(
     pixel = np.diff(x, axis=1).mean(axis=1) / direction.max(axis=1)
     beside = pixel * direction.min(axis=1) / np.sqrt(12.0)
     weight = (known & within).astype(np.float64)
-    # A lens's width is the same in pixels, the air's in angle: the one that the pixels confirm.
-    sizes = (pixel, np.ones_like(pixel)) if good.any() and np.ptp(pixel[good]) > 0.1 else (pixel,)
-    fits = [_fitted(levels, weight, x, size, beside, width_px, good) for size in sizes]
-    shift, step, space, settled, by_level, _ = min(fits, key=lambda one: one[-1])
-    good &= settled & (np.abs(shift) <= SHIFTS_PX[-1] * pixel)
-    deep = levels[:, -INNERMOST:].mean(axis=1) - space
-    return FittedEdges(shift, step, deep, good, levels, by_level, np.column_stack([along[:, 0], middle]))
+    # A lens's width is the same in pixels, the air's in angle: the one that some 256 profiles confirm.
+    some = slice(None, None, max(len(uv) // 256, 1))
+
+    def fitted(rows: slice, size: FloatArray, width: float, shift: FloatArray, steps: int) -> _Fit:
+        return _fitted(levels[rows], weight[rows], x[rows], size[rows], beside[rows], good[rows], width, shift, steps)
+
+    size, zero = pixel, np.zeros(len(uv))
+    fit = fitted(some, pixel, width_px, zero[some], STEPS)
+    if good.any() and np.ptp(pixel[good]) > 0.1:
+        even = fitted(some, np.ones_like(pixel), fit.width, fit.shift, STEPS // 2)
+        fit, size = (even, np.ones_like(pixel)) if even.misfit < fit.misfit else (fit, size)
+    if some.step > 1:
+        fit = fitted(slice(None), size, fit.width, zero, STEPS - 2)
+    good &= fit.settled & (np.abs(fit.shift) <= SHIFTS_PX[-1] * pixel)
+    deep = levels[:, -INNERMOST:].mean(axis=1) - fit.space
+    return FittedEdges(fit.shift, fit.step, deep, good, levels, fit.by_level, np.column_stack([along[:, 0], middle]))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Shift, step, space (n,) of profiles, which have an edge, derivatives of the shift by levels; width and misfit."""
+
+    shift: FloatArray
+    step: FloatArray
+    space: FloatArray
+    settled: NDArray[np.bool_]
+    by_level: FloatArray
+    width: float
+    misfit: float
 
 
 def _fitted(
@@ -178,21 +203,22 @@ def _fitted(
     ends: FloatArray,
     size: FloatArray,
     beside: FloatArray,
-    width_px: float,
     used: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray, float]:
-    """Return of profiles (n, k) shift, step, space, (n,) each, which have an edge, by_level (n, k), and the misfit.
+    width: float,
+    shift: FloatArray,
+    steps: int,
+) -> _Fit:
+    """Return the edges of profiles (n, k), from a first width and first shifts (n,).
 
     ``weight``: shape (n, k), 1 where a pixel counts, else 0; ``ends``: shape (n, k + 1), distances inside the cone;
-    ``size``, ``beside``: shape (n,), unit of the width, and blur by a pixel's extent along the limb; ``width_px``:
-    first width; ``used``: profiles that determine it.
+    ``size``, ``beside``: shape (n,), unit of the width, and blur by a pixel's extent along the limb; ``used``: profiles
+    that determine the width.
     """
-    shift, step, space, shading = np.zeros((4, len(levels)))
+    step, space, shading = np.zeros((3, len(levels)))
     profiles = weight * levels
     design = np.repeat(weight[:, None], 4, axis=1)
     across = np.diff(ends, axis=1)
-    width = width_px
-    for _ in range(STEPS):
+    for _ in range(steps):
         x = ends - shift[:, None]
         blur = np.hypot(width * size, beside)[:, None]
         z = x / blur
@@ -221,9 +247,9 @@ def _fitted(
         wider = width + float((free * left).sum() / max((free * free).sum(), TINY))
         width = min(max(wider, 0.25 * width, SHARPEST_PX), 2.0 * width, WIDTHS_PX[-1])
     by_level = np.einsum("ij,ijk->ik", inverse[:, 2], design) * -per_step[:, None]
-    misfit = float((left[used] ** 2).sum())
     # A last step of half a pixel leads nowhere.
-    return shift, step, space, (step != 0.0) & (np.abs(move) < 0.5), by_level, misfit
+    settled = (step != 0.0) & (np.abs(move) < 0.5)
+    return _Fit(shift, step, space, settled, by_level, width, float((left[used] ** 2).sum()))
 
 
 SATURATED_SHARE = 0.97
