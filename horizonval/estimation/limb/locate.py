@@ -113,7 +113,7 @@ def noise_covariance(
     The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3,
     points of the limb. Raises ``LinAlgError``: no cone is determined.
     """
-    edges = _edges_at(image, camera, los_cam, axis_cam)
+    edges = _edges_at(image, camera, los_cam, axis_cam, 2)
     variance = (edges.by_level**2 * noise.variance(edges.levels)).sum(axis=1)
     _, line, points = np.unique(edges.line, axis=0, return_inverse=True, return_counts=True)
     # A point that the image moves inwards is seen at a smaller angle from the axis.
@@ -121,13 +121,15 @@ def noise_covariance(
     return np.asarray((gain * np.where(edges.good, variance * points[line.ravel()], 0.0)) @ gain.T)
 
 
-def _edges_at(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> FittedEdges:
+def _edges_at(
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, steps: int = STEPS
+) -> FittedEdges:
     """Return the edges at lines of sight (n, 3) in an image, in pixels of the optical axis."""
     px_rad = 1.0 / max(camera.fx, camera.fy)
     uv, inner = project(camera, np.array([los_cam, los_cam + px_rad * inwards_of(los_cam, axis_cam)]))[0]
     level = PyramidLevel(np.asarray(image, dtype=np.float32), None, 1.0, 0.0)
     rho = off_axis_angle(los_cam, axis_cam)[:, None]
-    return _edges(level, camera, uv, inner - uv, axis_cam, rho, px_rad, REACH_PX, WIDTHS_PX[2])
+    return _edges(level, camera, uv, inner - uv, axis_cam, rho, px_rad, REACH_PX, WIDTHS_PX[2], steps)
 
 
 def _edges(
@@ -140,6 +142,7 @@ def _edges(
     px_rad: float,
     reach_px: int,
     width_px: float,
+    steps: int = STEPS,
 ) -> FittedEdges:
     """Return the edges of the rows or columns through places (n, 2) [px of the picture] of a level."""
     # A row at 45 deg to the limb takes more pixels to the same reach.
@@ -173,12 +176,12 @@ def _edges(
         return _fitted(levels[rows], weight[rows], x[rows], size[rows], beside[rows], good[rows], width, shift, steps)
 
     size, zero = pixel, np.zeros(len(uv))
-    fit = fitted(some, pixel, width_px, zero[some], STEPS)
+    fit = fitted(some, pixel, width_px, zero[some], steps)
     if good.any() and np.ptp(pixel[good]) > 0.1:
-        even = fitted(some, np.ones_like(pixel), fit.width, fit.shift, STEPS // 2)
+        even = fitted(some, np.ones_like(pixel), fit.width, fit.shift, steps // 2)
         fit, size = (even, np.ones_like(pixel)) if even.misfit < fit.misfit else (fit, size)
     if some.step > 1:
-        fit = fitted(slice(None), size, fit.width, zero, STEPS - 2)
+        fit = fitted(slice(None), size, fit.width, zero, max(steps - 2, 2))
     good &= fit.settled & (np.abs(fit.shift) <= SHIFTS_PX[-1] * pixel)
     deep = levels[:, -INNERMOST:].mean(axis=1) - fit.space
     return FittedEdges(fit.shift, fit.step, deep, good, levels, fit.by_level, np.column_stack([along[:, 0], middle]))
