@@ -189,7 +189,7 @@ def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathere
             return start
         image, known = EdgeImage(start.picture.grey, observation.camera, np.eye(3)), start.knowledge
         # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
-        chooser = EdgeChooser([image], known, whole=1.0, scaled=True)
+        chooser = EdgeChooser([image], known, whole=1.0)
         return Shot(chooser, ShotPrior(known.mean, known.information), chooser.start(start.pose))
 
     height_m = float(np.hypot(limb_height_prior(first)[1], misplaced_m))

@@ -186,6 +186,6 @@ def by_sector(model: ProfileModel, look: ProfileLook, weights: FloatArray) -> tu
         information = float(weights[here] @ per_rad[here] ** 2)
         pull = float((weights[here] * per_rad[here]) @ look.residuals[here])
         off.append(-pull / information if information > 0.0 else 0.0)
-        nearest = first + int(np.argmin(np.abs(near.height_m[here])))
+        nearest = first + int(np.argmin(np.abs(near.across_m[here])))
         uv.append([near.columns[nearest], near.rows[nearest]])
     return np.array(uv, dtype=float), np.array(off)

@@ -25,11 +25,13 @@ def canny(grey: Gradient, noise: float, strong_share: float = 0.0) -> tuple[NDAr
     """
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
     # Standard deviation of a Sobel component of white noise after this blur: 1.14.
-    dx, dy = (np.asarray(cv2.Sobel(smooth, cv2.CV_32F, *by, scale=1.0 / (1.14 * noise))) for by in ((1, 0), (0, 1)))
+    unit = 1.0 / (1.14 * noise)
+    dx = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), dtype=np.float32)
+    dy = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit), dtype=np.float32)
     high = max(ROSE_SIGMAS, strong_share * percentile(cv2.magnitude(dx, dy), 99.9) if strong_share else 0.0)
     # Whole numbers of 16 bits with eight steps to a standard deviation reach up to 4 000 of them.
     across, down = (np.clip(8.0 * d, -32767.0, 32767.0).astype(np.int16) for d in (dx, dy))
-    mask = np.asarray(cv2.Canny(across, down, 4.0 * high, 8.0 * high, L2gradient=True))
+    mask = np.asarray(cv2.Canny(across, down, 4.0 * high, 8.0 * high, L2gradient=True), dtype=np.uint8)
     mask[:2] = mask[-2:] = mask[:, :2] = mask[:, -2:] = 0
     return mask, dx, dy
 

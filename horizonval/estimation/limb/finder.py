@@ -63,7 +63,7 @@ def shows_sun(saturated: NDArray[np.bool_]) -> bool:
     saturate in many patches. Most is a share of 0.6.
     """
     height, width = saturated.shape
-    pixels = np.count_nonzero(saturated)
+    pixels = int(np.count_nonzero(saturated))
     largest = 0.3 * min(height, width)
     # Nothing, or more than the largest Sun could be most of.
     if pixels < 9 or 0.6 * pixels > largest**2:
@@ -71,8 +71,9 @@ def shows_sun(saturated: NDArray[np.bool_]) -> bool:
     _, _, stats, _ = cv2.connectedComponentsWithStats(saturated.view(np.uint8), connectivity=8)
     left, top, wide, high, area = (int(one) for one in stats[1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])])
     at_rim = left == 0 or top == 0 or left + wide == width or top + high == height
-    even = at_rim or min(wide, high) > 0.6 * max(wide, high)
-    return bool(even and area >= max(0.6 * max(pixels, wide * high), 9) and max(wide, high) < largest)
+    longer = max(wide, high)
+    even = at_rim or min(wide, high) > 0.6 * longer
+    return bool(even and area >= max(0.6 * max(pixels, wide * high), 9) and longer < largest)
 
 
 STILL_SEEN = 0.25
