@@ -44,8 +44,8 @@ from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANC
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.limb.cone import inwards_of
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
-from horizonval.estimation.limb.steepest import inwards_of
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid

@@ -37,9 +37,9 @@ from horizonval.estimation.guard.limits import SMALLEST_RHO_RAD, contradicted, m
 from horizonval.estimation.guard.points import TrustedPoints, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, with_lens_error
-from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
+from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty, inwards_of
 from horizonval.estimation.limb.finder import largest_rho_rad
-from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
+from horizonval.estimation.limb.locate import noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
 from horizonval.geometry.ellipsoid import sphere
@@ -145,9 +145,8 @@ def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
     """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
     image, camera, axis = points.picture.grey, points.observation.camera, points.axis
     of_pixels = pixel_noise(image, camera, axis, points.rho_rad, points.observation.full_scale)
-    sign = 1.0 if points.bright_inside else -1.0
     try:
-        noise = noise_covariance(image, camera, points.los, axis, of_pixels, sign)
+        noise = noise_covariance(image, camera, points.los, axis, of_pixels)
     except np.linalg.LinAlgError:
         return fit
     basis = tangent_basis(fit.nadir_cam)

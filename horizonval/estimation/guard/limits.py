@@ -38,8 +38,7 @@ from horizonval.estimation.fit.heights import (
 )
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE
 from horizonval.estimation.fit.templates import shipped_templates
-from horizonval.estimation.limb.cone import SLOW_PX, cone_gain, slow_error
-from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
+from horizonval.estimation.limb.cone import SLOW_PX, cone_gain, inwards_of, slow_error
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import angle_between, fibonacci_sphere, off_axis_angle, tangent_basis
@@ -158,7 +157,7 @@ def blur_across(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) 
     half = 0.5 * step_rad * inwards_of(los_cam, axis_cam)
     uv, _ = project(camera, np.array([los_cam - half, los_cam + half]))
     px = np.linalg.norm(uv[1] - uv[0], axis=1)
-    return np.asarray(step_rad * np.hypot(LENS_PX / np.where(px > 0.0, px, np.nan), SIGMA_PX))
+    return np.asarray(step_rad * np.hypot(LENS_PX / np.where(px > 0.0, px, np.nan), 1.0))
 
 
 def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance: float) -> Refusal | None:

@@ -1,8 +1,7 @@
 """The limb points of one image that may be trusted.
 
-The limb that the search finds (:mod:`horizonval.estimation.limb.finder`) is moved to its steepest position
-(:mod:`horizonval.estimation.limb.steepest`). A limb many pixels deep is an edge in a smaller copy of the image, where
-all of this then works. Left out are saturated points, points that the Sun does not light, and outliers from the cone.
+They are those of the search (:mod:`horizonval.estimation.limb.finder`), without saturated points, points that the Sun
+does not light, and outliers from the cone. A limb many pixels deep is an edge in a smaller copy of the image.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.limits import FEWEST_POINTS
-from horizonval.estimation.limb.cone import near_cone
+from horizonval.estimation.limb.cone import inwards_of, near_cone
 from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.locate import SATURATED_SHARE
 from horizonval.estimation.limb.picture import Picture, in_wider_pixels
-from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import fit_cone
@@ -66,10 +65,10 @@ def trusted_points(observation: Observation, lowest_sun_rad: float = 0.5 * np.pi
     if np.count_nonzero(kept) < FEWEST_POINTS:
         return Refusal(Outcome.SATURATED, f"{np.mean(~kept):.0%} of the limb points are saturated", found.uv)
     cause = Outcome.SATURATED if np.mean(kept) < 1.0 - MUCH_LOST else Outcome.SHORT_ARC
-    los, _ = to_steepest(picture.grey, camera, found.los_cam[kept], axis, bright_inside)
+    los = found.los_cam[kept]
     if observation.band_kind == "solar" and observation.sun_cam is not None:
         lit = inwards_of(los, axis) @ observation.sun_cam < -np.cos(lowest_sun_rad)
-        cause = Outcome.DARK if len(los) and np.mean(lit) < 1.0 - MUCH_LOST else cause
+        cause = Outcome.DARK if np.mean(lit) < 1.0 - MUCH_LOST else cause
         los = los[lit]
     los = los[near_cone(los, 1.0 / max(camera.fx, camera.fy), FEWEST_POINTS)] if len(los) else los
     if len(los) < FEWEST_POINTS:

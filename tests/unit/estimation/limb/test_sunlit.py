@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from horizonval.estimation.fit.heights import steepest_height, sun_angles_at
 from horizonval.estimation.fit.templates import FOLDER, load_templates
 from horizonval.estimation.guard.limits import model_error, sunlit_heights
-from horizonval.estimation.limb.steepest import inwards_of
+from horizonval.estimation.limb.cone import inwards_of
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
