@@ -345,12 +345,7 @@ def band_heights(
 ) -> BandHeights | None:
     """Return the heights of the shipped table of a band, None where none is."""
     table = shipped_templates(band_kind, band_um)
-    return None if table is None else _of_table(table, scale_m)
-
-
-@cache
-def _of_table(table: LimbTemplates, scale_m: float) -> BandHeights:
-    return BandHeights(table, scale_m)
+    return None if table is None else BandHeights(table, scale_m)
 
 
 def _states(table: LimbTemplates) -> FloatArray:
