@@ -52,7 +52,7 @@ from horizonval.estimation.fit.light import (
     edge_profile,
     light_basis,
 )
-from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import CLOUDED, MONTHS, LimbTemplates, shipped_templates
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
@@ -128,8 +128,6 @@ def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
 
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 """Zenith angles of the Sun; beyond the last there is too little radiance."""
-CLOUDED = 0.75
-"""Share of scenes with clouds in the ensemble of the shipped tables (:mod:`horizonval.tables.sunlit`)."""
 FAINTEST = 0.05
 """Smallest share of the mean profile that modes leave: a profile stays positive, and its logarithm finite."""
 
