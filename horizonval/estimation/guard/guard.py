@@ -38,9 +38,9 @@ from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
-from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
+from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty, inwards_of
 from horizonval.estimation.limb.finder import SIGMAS, largest_rho_rad
-from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
+from horizonval.estimation.limb.locate import noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
 from horizonval.geometry.ellipsoid import sphere
@@ -183,9 +183,8 @@ def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
     image, camera, cone = points.picture.grey, points.observation.camera, points.seen_cone()
     rho = float(off_axis_angle(points.seen, cone.axis_cam).mean())
     of_pixels = pixel_noise(image, camera, cone.axis_cam, rho, points.observation.full_scale)
-    sign = 1.0 if points.bright_inside else -1.0
     try:
-        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, of_pixels, sign)
+        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, of_pixels)
     except np.linalg.LinAlgError:
         return fit
     basis = tangent_basis(fit.nadir_cam)

@@ -1,9 +1,9 @@
 """The limb points of one image that lie at one height above the Earth.
 
-The limb that the search finds (:mod:`horizonval.estimation.limb.finder`) is moved to its steepest position
-(:mod:`horizonval.estimation.limb.steepest`). A limb many pixels deep is an edge in a smaller copy of the image, where
-all of this then works. Towards the terminator the limb darkens and rises. Where the Sun's direction is known, so is the
-height there (:mod:`horizonval.estimation.guard.sunlit`), and the limb is followed along the cone into the twilight.
+They are those of the search (:mod:`horizonval.estimation.limb.finder`). A limb many pixels deep is an edge in a
+smaller copy of the image, where all of this then works. Towards the terminator the limb darkens and rises. Where the
+Sun's direction is known, so is the height there (:mod:`horizonval.estimation.guard.sunlit`), and the limb is followed
+along the cone into the twilight.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import SunlitLimb, blur_across, sun_angles, sunlit_limb
-from horizonval.estimation.limb.cone import near_cone
+from horizonval.estimation.limb.cone import inwards_of, near_cone
 from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.locate import SATURATED_SHARE, to_edge
 from horizonval.estimation.limb.picture import Picture, in_wider_pixels
 from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
-from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import Cone, fit_cone
@@ -99,9 +99,7 @@ def trusted_points(observation: Observation) -> TrustedPoints | Refusal:
     kept = ~((inner >= full) & (inner > outer))
     if np.count_nonzero(kept) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SATURATED, f"{np.mean(~kept):.0%} of the limb points are saturated", found.uv)
-    los, _ = to_steepest(picture.grey, camera, found.los_cam[kept], axis, bright_inside)
-    if len(los) < limits.FEWEST_POINTS:
-        return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
+    los = found.los_cam[kept]
     cause = Outcome.SATURATED if np.mean(kept) < 1.0 - MUCH_LOST else None
     sun = observation.sun_cam if observation.band_kind == "solar" else None
     if sun is None:
@@ -134,7 +132,7 @@ def _into_twilight(
     high = sun_angles(los, cone.axis_cam, sun)[0] <= LOW_SUN_RAD
     if not low.any():
         return los[high]
-    followed, _ = to_steepest(picture.grey, camera, around[low], cone.axis_cam, bright_inside)
+    followed, _ = to_edge(picture.grey, camera, around[low], cone.axis_cam, bright_inside)
     off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
     return np.concatenate([los[high], followed[off * max(camera.fx, camera.fy) < FOLLOWED_PX]])
 

@@ -26,8 +26,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import oblate_limbs, relief_covariance, reliefs
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.locate import SATURATED_SHARE
 from horizonval.estimation.limb.picture import ROSE_SIGMAS
-from horizonval.estimation.limb.steepest import SATURATED_SHARE
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis

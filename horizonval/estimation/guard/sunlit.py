@@ -39,8 +39,7 @@ from horizonval.estimation.fit.heights import (
     without_clouds,
 )
 from horizonval.estimation.fit.templates import LimbTemplates, shipped_templates
-from horizonval.estimation.limb.cone import cone_gain
-from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
+from horizonval.estimation.limb.cone import cone_gain, inwards_of
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import fibonacci_sphere
@@ -166,7 +165,7 @@ def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -
 
 
 def blur_across(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> FloatArray:
-    """Return the blur across the limb [rad], shape (n,): of lens, pixels and the search for the steepest place."""
+    """Return the blur across the limb [rad], shape (n,): of lens, pixels and the search for the edge."""
     # A usual lens (0.7 px), the pixel's own width and reading between pixels.
     lens_px = 0.8
     inwards = inwards_of(los_cam, axis_cam)
@@ -175,7 +174,7 @@ def blur_across(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) 
     behind, _ = project(camera, los_cam + 0.5 * rad_per_px * inwards)
     px = np.linalg.norm(behind - before, axis=1)
     local = lens_px * rad_per_px / np.where(px > 0.0, px, np.nan)
-    return np.hypot(local, SIGMA_PX * rad_per_px)
+    return np.hypot(local, rad_per_px)
 
 
 def cone_perturbation(
