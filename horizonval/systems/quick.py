@@ -7,7 +7,7 @@ last digits of floating point, which depend on the machine.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +15,7 @@ from types import ModuleType
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json, write_json
-from horizonval.systems.entries import Row, system
+from horizonval.systems.entries import system
 from horizonval.systems.task_cache import TaskCache
 
 SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
@@ -65,14 +65,9 @@ def measured_rows(cache: TaskCache, systems: Sequence[str] = SYSTEMS) -> list[Js
     return [
         {"system": letter, "name": row.name, "unit": row.unit, "measured": float(row.measured)}
         for letter in systems
-        for row in quick_rows(letter, cache)
+        for row in system(letter).rows(experiment(letter).quick(cache))
         if row.measured is not None
     ]
-
-
-def quick_rows(letter: str, cache: TaskCache) -> Iterator[Row]:
-    """Return the rows of a system's key figures."""
-    return system(letter).rows(experiment(letter).quick(cache))
 
 
 def write_quick(letter: str, cache: TaskCache, pages: Path) -> None:
