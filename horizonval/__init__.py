@@ -37,15 +37,19 @@ if TYPE_CHECKING:
     from horizonval.api.session import Session
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome, Refusal
+    from horizonval.estimation.methods.ideal import horizon_sensor
     from horizonval.estimation.observation import Estimator, Fit, Observation
     from horizonval.estimation.prior import Prior
     from horizonval.scoring.row import Score
+    from horizonval.sensor.conical_scanner import ConicalScanner
+    from horizonval.sensor.quadrant import QuadrantSensor
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Camera",
     "Client",
+    "ConicalScanner",
     "Estimator",
     "Fit",
     "Frame",
@@ -55,6 +59,7 @@ __all__ = [
     "Observation",
     "Outcome",
     "Prior",
+    "QuadrantSensor",
     "Refusal",
     "Run",
     "Scene",
@@ -64,6 +69,7 @@ __all__ = [
     "__version__",
     "check",
     "estimate",
+    "horizon_sensor",
     "list_cameras",
     "list_estimators",
     "list_scenes",
@@ -94,9 +100,12 @@ _HOMES = {
     "api.session": ("Session",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome", "Refusal"),
+    "estimation.methods.ideal": ("horizon_sensor",),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
     "estimation.prior": ("Prior",),
     "scoring.row": ("Score",),
+    "sensor.conical_scanner": ("ConicalScanner",),
+    "sensor.quadrant": ("QuadrantSensor",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -1,43 +1,45 @@
-"""A conical scanner on Earths with hard edges: crossings, lags and attitudes against closed forms."""
+"""A conical scanner: crossings against closed forms, electronics against its equations, attitudes from edges."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.clouds.relief import BASE_M, CloudField, top_m
+from horizonval.earth.clouds.earth_pattern import BASE_M
+from horizonval.earth.clouds.relief import CloudField, top_m
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, rotate
 from horizonval.geometry.horizon import limb_side
-from horizonval.systems.f.electronics import (
+from horizonval.sensor.conical_scanner import (
+    ConicalScanner,
     ScanEdges,
-    ScannerElectronics,
-    Threshold,
-    find_edges,
+    ScannerFit,
     first_order_lag,
     level_crossings,
 )
-from horizonval.systems.f.errors import ScannerFit, attitude_over_ellipsoid, worst_error_deg
-from horizonval.systems.f.scan_cone import ScanCone, distance_to_clouds, ellipsoid_crossings
+from horizonval.systems.f.experiment import distance_to_clouds
 from horizonval.systems.weather_viewpoints import WeatherPlace
 
-CONE = ScanCone.to_the_right(math.radians(45.0), math.radians(12.0))
+SCANNER = ConicalScanner(tilt_rad=math.radians(12.0))
 DAY = WeatherPlace(37.0, -20.0, 71.0, 1, 0, 0)
 
 
-def _itrs_from_body(roll: float, pitch: float) -> np.ndarray:
+def _itrs_from_body(roll: float, pitch: float, day: WeatherPlace = DAY) -> np.ndarray:
     lvlh_from_body = inverse(body_from_lvlh(0.0, pitch, roll))
-    return rotate(inverse(DAY.lvlh()), rotate(lvlh_from_body, np.eye(3))).T
+    return rotate(inverse(day.lvlh()), rotate(lvlh_from_body, np.eye(3))).T
 
 
 def _sphere_crossings(nadir: np.ndarray, rho: float) -> tuple[float, float]:
     """Closed form: cos(p - q) = (cos rho - cos g (s . n)) / (A sin g), with A and q those of the nadir across."""
-    across = np.array([CONE.start @ nadir, CONE.quarter @ nadir])
-    gap = math.cos(rho) - math.cos(CONE.half_angle_rad) * float(CONE.axis @ nadir)
-    half = math.acos(gap / (math.hypot(*across) * math.sin(CONE.half_angle_rad)))
+    axis, start, quarter = SCANNER.axes
+    across = np.array([start @ nadir, quarter @ nadir])
+    gap = math.cos(rho) - math.cos(SCANNER.half_angle_rad) * float(axis @ nadir)
+    half = math.acos(gap / (math.hypot(*across) * math.sin(SCANNER.half_angle_rad)))
     middle = math.atan2(across[1], across[0])
     return middle - half, middle + half
 
@@ -46,15 +48,15 @@ def _sphere_crossings(nadir: np.ndarray, rho: float) -> tuple[float, float]:
 def test_crossings_of_a_sphere_are_the_textbooks(roll: float, pitch: float) -> None:
     r = DAY.position(800.0)
     found = _sphere_crossings(nadir_of_roll_pitch(roll, pitch), math.asin(WGS84.a_m / np.linalg.norm(r)))
-    exact = ellipsoid_crossings(CONE, _itrs_from_body(roll, pitch), r, sphere(WGS84.a_m))
+    exact = SCANNER.crossings(_itrs_from_body(roll, pitch), r, sphere(WGS84.a_m))
     assert exact == pytest.approx(found, abs=1e-10)
 
 
-def test_crossings_of_the_ellipsoid_lie_on_its_horizon_earth_in_between() -> None:
+def test_crossings_of_the_ellipsoid_are_on_its_horizon_earth_in_between() -> None:
     to_itrs, r = _itrs_from_body(0.03, -0.05), DAY.position(700.0)
-    found = ellipsoid_crossings(CONE, to_itrs, r, WGS84)
+    found = SCANNER.crossings(to_itrs, r)
     assert found is not None
-    d = CONE.directions(np.array([*found, 0.5 * sum(found)])) @ to_itrs.T
+    d = SCANNER.directions(np.array([*found, 0.5 * sum(found)])) @ to_itrs.T
     assert limb_side(d, r)[:2] == pytest.approx(0.0, abs=1e-12)
     assert limb_side(d, r)[2] > 0.1
 
@@ -74,25 +76,40 @@ def test_the_lag_of_a_step_is_exact_whatever_the_steps_of_time() -> None:
 @pytest.mark.parametrize("fraction", [0.4, 0.5, 0.7])
 def test_delays_of_steps_are_the_logarithms(fraction: float) -> None:
     lag, rate = 2e-3, 4.0 * math.pi
-    narrow = ScannerElectronics(1e-6, math.radians(45.0), rate, (lag,))
-    late = narrow.step_delays(fraction, math.radians(0.01))
+    late = ConicalScanner(beam_rad=1e-6, lags_s=(lag,), fraction=fraction).step_delays(math.radians(0.01))
     expected = -lag * rate * math.log(1.0 - fraction), -lag * rate * math.log(fraction)
     assert late == pytest.approx(expected, abs=math.radians(2e-3))
 
 
-def test_beam_and_two_lags_leave_nothing_of_a_hard_edge() -> None:
-    assert worst_error_deg() < 1e-3
+@pytest.mark.parametrize("latitude_deg", [0.0, 40.0, 70.0])
+def test_beam_and_two_lags_leave_nothing_of_a_hard_edge(latitude_deg: float) -> None:
+    """An Earth without air, whose edges are known in closed form: roll and pitch to a thousandth of a degree."""
+    day, step = WeatherPlace(latitude_deg, 0.0, 30.0, 1, 0, 0), math.radians(0.05)
+    r = day.position(800.0)
+    for tilt, roll, pitch in itertools.product((0.0, 20.0), (-3.0, 3.0), (-3.0, 0.0)):
+        scanner = ConicalScanner(tilt_rad=math.radians(tilt))
+        exact = scanner.crossings(_itrs_from_body(math.radians(roll), math.radians(pitch), day), r)
+        assert exact is not None
+        phase = np.arange(exact[0] - 0.5, exact[1] + 1.0, step)
+        # A sample is the share of its own step that is on the Earth: a finer edge would be lost between samples.
+        share = np.clip((np.minimum(phase - exact[0], exact[1] - phase)) / step + 0.5, 0.0, 1.0)
+        edges = scanner.edges(scanner.signal(phase, share))
+        assert isinstance(edges, ScanEdges)
+        fit = scanner.attitude(edges, r, day.lvlh())
+        assert isinstance(fit, ScannerFit)
+        assert np.degrees([fit.roll_rad, fit.pitch_rad]) == pytest.approx([roll, pitch], abs=1e-3)
 
 
 def _fit(entered: float, left: float) -> ScannerFit:
-    fit = attitude_over_ellipsoid(CONE, entered, left, DAY.position(800.0), DAY.lvlh(), WGS84, (1e-4, 2e-4))
+    edges = ScanEdges(entered, left, (1.0, -0.5), (1.0, 1.0), 0)
+    fit = SCANNER.attitude(edges, DAY.position(800.0), DAY.lvlh(), noise=1e-4)
     assert isinstance(fit, ScannerFit)
     return fit
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.08, -0.05)])
 def test_attitudes_come_back_from_exact_crossings_with_their_covariance(roll: float, pitch: float) -> None:
-    crossed = ellipsoid_crossings(CONE, _itrs_from_body(roll, pitch), DAY.position(800.0), WGS84)
+    crossed = SCANNER.crossings(_itrs_from_body(roll, pitch), DAY.position(800.0))
     assert crossed is not None
     fit = _fit(*crossed)
     assert (fit.roll_rad, fit.pitch_rad) == pytest.approx((roll, pitch), abs=1e-9)
@@ -103,20 +120,21 @@ def test_attitudes_come_back_from_exact_crossings_with_their_covariance(roll: fl
 
 
 def test_refusals_are_typed() -> None:
-    nothing = ScannerElectronics(0.01, 0.8, 12.0, (1e-3,)).respond(np.linspace(-2, 2, 2000), np.zeros(2000))
-    fixed = find_edges(nothing, Threshold(0.4, level=1.0), 0.8)
+    scanner = replace(SCANNER, level=1.0)
+    fixed = scanner.edges(scanner.signal(np.linspace(-2, 2, 2000), np.zeros(2000)))
     assert isinstance(fixed, Refusal)
     assert fixed.status is Outcome.NO_LIMB
-    away = attitude_over_ellipsoid(CONE, -3.0, 0.2, DAY.position(800.0), DAY.lvlh(), WGS84, (1e-4, 1e-4))
-    assert isinstance(away, Refusal)
+    away = ScanEdges(-3.0, 0.2, (1.0, 1.0), (1.0, 1.0), 0)
+    assert isinstance(SCANNER.attitude(away, DAY.position(800.0), DAY.lvlh()), Refusal)
 
 
 def test_a_cold_cloud_is_counted_and_does_not_end_the_earth() -> None:
     phase = np.linspace(-1.5, 1.5, 6001)
     radiance = np.where(np.abs(phase) < 0.9, 5.0, 0.0)
     radiance[np.abs(phase - 0.2) < 0.05] = 1.0
-    signal = ScannerElectronics(1e-3, math.radians(45.0), 12.0, (1e-4,)).respond(phase, radiance)
-    found = find_edges(signal, Threshold(0.4, level=2.0), math.radians(45.0))
+    scanner = ConicalScanner(beam_rad=1e-3, rate_rad_s=12.0, lags_s=(1e-4,), level=2.0)
+    signal = scanner.signal(phase, radiance)
+    found = scanner.edges(signal)
     assert isinstance(found, ScanEdges)
     assert (found.entered_rad, found.left_rad) == pytest.approx((-0.9, 0.9), abs=5e-3)
     assert found.spare == 2
