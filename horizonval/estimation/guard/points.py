@@ -95,8 +95,8 @@ def trusted_points(observation: Observation) -> TrustedPoints | Refusal:
     inner, outer = sides(picture, camera, found.los_cam, axis)
     bright_inside = bool(np.nanmedian(inner - outer) > 0.0)
     full = np.inf if observation.full_scale is None else SATURATED_SHARE * observation.full_scale
-    # The edge of a saturated side is that of the air's tail, kilometres too high.
-    kept = ~((inner >= full) & (inner > outer))
+    # The edge of a saturated side is that of the air's tail, kilometres too high; a side out of view may be saturated.
+    kept = (inner < full) | (inner <= outer)
     if np.count_nonzero(kept) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SATURATED, f"{np.mean(~kept):.0%} of the limb points are saturated", found.uv)
     los = found.los_cam[kept]
