@@ -60,7 +60,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import array_of, cached_arrays, keep_arrays
+from horizonval.core.cache import array_of, cached_arrays, keep_arrays, making
 from horizonval.core.environment import cache_folder
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.progress import Progress, Silent, made_once
@@ -600,33 +600,38 @@ def multiple_scattering(
     progress: Progress | None = None,
 ) -> list[MultipleScattering]:
     """Return solutions from memory, from disk, or solved now, with a ``sun_table`` ``SOLVED_TOGETHER`` wide."""
+    top_m = float(altitude_m[-1])
     keys = [content_key(node, altitude_m, planet_m, quality) for node in nodes]
-    solutions: dict[str, MultipleScattering] = {}
+
+    def found(key: str, node: SpectralNode) -> MultipleScattering | None:
+        bands = layer_bands(node, altitude_m)
+        heights = field_heights(top_m, quality.n_height, bands) if bands else None
+        return _memory.get(key) or _read(key, top_m, planet_m, degree_of(node, quality), quality, heights)
+
+    solutions = {key: found(key, node) for key, node in zip(keys, nodes, strict=True)}
     missing: dict[int, dict[str, SpectralNode]] = {}
     for key, node in zip(keys, nodes, strict=True):
-        degree = degree_of(node, quality)
-        top_m, bands = float(altitude_m[-1]), layer_bands(node, altitude_m)
-        heights = field_heights(top_m, quality.n_height, bands) if bands else None
-        solution = _memory.get(key) or _read(key, top_m, planet_m, degree, quality, heights)
-        if solution is None:
-            missing.setdefault(degree, {})[key] = node
-        else:
-            solutions[key] = solution
+        if solutions[key] is None:
+            missing.setdefault(degree_of(node, quality), {})[key] = node
     for columns in missing.values():
         for first in range(0, len(columns), SOLVED_TOGETHER):
             together = dict(list(columns.items())[first : first + SOLVED_TOGETHER])
-            some = list(together.values())
-            with made_once("tables"):
-                solved = solve(some, altitude_m, planet_m, sun_table(some), quality, progress)
-            for key, solution in zip(together, solved, strict=True):
-                _write(_path(key), key, solution)
-                solutions[key] = solution
-    for key, solution in solutions.items():
+            with making(_path(next(iter(together)))), made_once("tables"):
+                solutions |= {key: found(key, node) for key, node in together.items()}
+                some = {key: node for key, node in together.items() if solutions[key] is None}
+                if some:
+                    table = sun_table(list(some.values()))
+                    solved = solve(list(some.values()), altitude_m, planet_m, table, quality, progress)
+                    for key, solution in zip(some, solved, strict=True):
+                        _write(_path(key), key, solution)
+                        solutions[key] = solution
+    result = [solution for key in keys if (solution := solutions[key]) is not None]
+    for key, solution in zip(keys, result, strict=True):
         _memory[key] = solution
         _memory.move_to_end(key)
     while len(_memory) > _KEPT:
         _memory.popitem(last=False)
-    return [solutions[key] for key in keys]
+    return result
 
 
 def _path(key: str) -> Path:
