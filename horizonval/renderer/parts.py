@@ -67,7 +67,7 @@ from horizonval.renderer.kernel.frame_geometry import RayCamera
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.part_pixels import STRIDE, Faces, PixelPlan
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, dot
+from horizonval.renderer.planet import dot
 from horizonval.renderer.plugins import CameraSettings, mitsuba_sensor
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
@@ -236,9 +236,7 @@ def _sunlight(integrator: Any, view: Any) -> dict[str, Sunlight]:
     for group, batch in integrator.prepared.batches:
         if not isinstance(batch, SolarNodes):
             continue
-        _, through = march(
-            view.planet, view.top_m, batch, view.origin, d, view.sun, mi.Bool(False), _SUN_NODES, SOLAR_CONCENTRATION
-        )
+        _, through = march(view.planet, view.top_m, batch, view.origin, d, view.sun, mi.Bool(False), _SUN_NODES)
         dr.eval(through)
         for node, t in zip(group, through, strict=False):
             light = sum(a * mu**k for k, a in enumerate(node.limb_darkening)) * np.ones_like(mu)

@@ -52,7 +52,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.column import OpticalModel
 from horizonval.renderer.column_air import ColumnAir, DepthFactor
-from horizonval.renderer.planet import GAUSS_LOW, SOLAR_CONCENTRATION, AirPath, Planet, along, dot, find_path, warp
+from horizonval.renderer.planet import GAUSS_LOW, AirPath, Planet, along, dot, find_path, warp
 from horizonval.renderer.tables import (
     TAU_FLOOR,
     AltitudeGrid,
@@ -379,7 +379,7 @@ def bending_over_step(
 
 
 def refracted_umbra(
-    planet: Planet, path: AirPath, o: Vec, d: Vec, ray: BentRay, grid: AltitudeGrid, count: int, c: float
+    planet: Planet, path: AirPath, o: Vec, d: Vec, ray: BentRay, grid: AltitudeGrid, count: int
 ) -> tuple[mi.Float64, mi.Float64]:
     """Return ``y`` where a ray enters and leaves the umbra under refraction; its ends where it does not.
 
@@ -388,7 +388,7 @@ def refracted_umbra(
     """
 
     def evaluate(y: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64, Vec]:
-        t = warp(path, y, c)
+        t = warp(path, y)
         height, normal = planet.height_and_normal(along(o, d, t))
         return t, ray.bending_per_m(*grid.locate(height), normal), height, normal
 
@@ -538,11 +538,11 @@ class BendingField:
         step = (path.y1 - path.y0) / count
 
         def body(i: mi.UInt32, t0: mi.Float64, total: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
-            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), SOLAR_CONCENTRATION)
+            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0))
             mid, h = 0.5 * (t0 + t1), t1 - t0
             return i + 1, t1, total + 0.5 * h * (rate(mid - offset * h) + rate(mid + offset * h))
 
-        start = warp(path, path.y0 + zero, SOLAR_CONCENTRATION)
+        start = warp(path, path.y0 + zero)
         return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="bending")[2]
 
     def largest_angle(self) -> float:

@@ -25,7 +25,7 @@ from horizonval.renderer.kernel.node_batches import (
     Particles,
     SolarNodes,
 )
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Bands, Planet, layer_bands
+from horizonval.renderer.planet import Bands, Planet, layer_bands
 from horizonval.renderer.refraction import (
     ApparentRadiusAir,
     BendingField,
@@ -356,7 +356,7 @@ def _sun_depth(
     o = (zero, zero, height + radius)
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
-    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, SOLAR_CONCENTRATION)
+    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes)
     logarithms = [dr.log(t + TAU_FLOOR) for t in tau]
     # at once: every launch that wanted one of them would march for all
     dr.eval(logarithms)
@@ -380,9 +380,7 @@ def _downwelling(
     o = (zero, zero, mi.Float64(radius))
     d = (sine, zero, cosine)
     sphere = Planet(radius, radius)
-    sky, through = march(
-        sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, SOLAR_CONCENTRATION
-    )
+    sky, through = march(sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes)
     for k, radiance in enumerate(behind):
         sky[k] = sky[k] + radiance * through[k]
     return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

@@ -1,7 +1,7 @@
 r"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that,
-without what reflects at the rays' ends. With refraction the table also holds the bending angle at the rays' ends.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, without what
+reflects at the rays' ends. With refraction the table also holds the bending angle at the rays' ends.
 
 **Air before clouds**: radiance and transmittance from the camera to stations along rays.
 The stations lie between where a ray enters the layer of the cloud tops and where it leaves it or meets the ground. The
@@ -43,7 +43,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through
+from horizonval.renderer.planet import Planet, way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
 from horizonval.renderer.view_table.patch_table import PACKET, ROW_PATCHES, PatchTable, Tabulated
@@ -173,8 +173,8 @@ def _shared_out(axis: RayAxis, heights_m: Sequence[float]) -> tuple[int, ...]:
 
 USUAL = 1e-3
 """Accuracy at which tables have the steps that the constants below say."""
-MORE_NODES, MORE_NODES_IN_SHADOW = 2.0, 4.0
-"""Times the evaluations of the direct march at the usual accuracy, without and with a shadow that may cut rays."""
+MORE_NODES = 2.0
+"""Times the evaluations of the direct march at the usual accuracy."""
 OF_A_KINK = 4.0
 """How many accuracies the splines through every second node may miss. The spline through all of them halves that at a
 kink, and divides it by sixteen where radiance is smooth."""
@@ -278,8 +278,6 @@ class Light:
         cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
-        lit = self.shines_everywhere(coordinates)
-        more = MORE_NODES if lit else MORE_NODES_IN_SHADOW
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -288,11 +286,9 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            round(more * self.times_steps * self.nodes),
-            SOLAR_CONCENTRATION,
+            round(MORE_NODES * self.times_steps * self.nodes),
             cloud,
-            steady=True,
-            lit=lit,
+            lit=self.shines_everywhere(coordinates),
         )
 
     def march_to_stations(
@@ -315,7 +311,6 @@ class Light:
             d,
             self.direction,
             to_ground,
-            SOLAR_CONCENTRATION,
             stations,
             attenuated=attenuated,
         )
