@@ -223,9 +223,10 @@ class RefractedSunTable:
 
     ``grazing_bending``, (n_height,): bending angle [rad], up to there, of light that grazes the ground; mu_h is the
     cosine of the apparent horizon angle plus this. ``values``, (n_height * n_mu * 2,): lift of the cosine, spreading of
-    the beam.
+    the beam. ``field``: of the air.
     """
 
+    field: BendingField
     grazing_bending: mi.Float64
     values: mi.Float64
     n_height: int
@@ -252,15 +253,12 @@ def small_sincos(angle: Real) -> tuple[Real, Real]:
 
 @dataclass(frozen=True)
 class RefractionTables:
-    """What a node batch needs, besides its columns over apparent height, to know where the light comes from.
+    """Where the light of a node batch comes from, besides its columns over apparent height.
 
-    ``bending_per_m``, ``height``: g and the true height on the batch's grid, (n_altitude,). ``depth``: ``ln(tau +
-    tau_0)`` towards the Sun on the nodes of ``sun``, (n_height * n_mu * width,), layers of thin cloud left out.
-    ``shells``: these layers, over apparent heights.
+    ``depth``: ``ln(tau + tau_0)`` towards the Sun on the nodes of ``sun``, (n_height * n_mu * width,), layers of thin
+    cloud left out. ``shells``: these layers, over apparent heights.
     """
 
-    bending_per_m: mi.Float64
-    height: mi.Float64
     sun: RefractedSunTable
     depth: mi.Float64
     shells: tuple[SunShell, ...] = ()
@@ -312,19 +310,12 @@ class BentRay:
     @classmethod
     def of(cls, tables: RefractionTables, d: Vec, sun: Vec, vertical: Vec) -> BentRay:
         """Build from the vertical at the ray's lowest point."""
-        slope = dot(vertical, d)
-        up = (vertical[0] - slope * d[0], vertical[1] - slope * d[1], vertical[2] - slope * d[2])
-        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
-        up = (up[0] * scale, up[1] * scale, up[2] * scale)
+        up = across(vertical, d)
         return cls(tables, d, up, dot(d, sun), dot(up, sun), sun)
 
-    def bending_per_m(self, i: mi.UInt32, w: mi.Float64, inside: mi.Bool, normal: Vec) -> mi.Float64:
-        """Return how fast the bent ray turns at a place of the batch's grid."""
-        return dr.select(inside, interpolate(self.tables.bending_per_m, i, w, 1)[0] * dot(normal, self.up), 0.0)
-
-    def true_height(self, i: mi.UInt32, w: mi.Float64) -> mi.Float64:
-        """Return the height of a place of the batch's grid above the planet as it is."""
-        return interpolate(self.tables.height, i, w, 1)[0]
+    def rate(self, point: Vec) -> mi.Float64:
+        """Return how fast the bent ray turns at points of the straight one [rad/m]."""
+        return self.tables.sun.field.look(point, self.up).rate
 
     def sun_at(self, bending: mi.Float64) -> Vec:
         """Return the true Sun as the straight ray's own frame sees it at a bending angle of the bent ray."""
@@ -356,31 +347,18 @@ class BentRay:
 
 
 def bending_over_step(
-    planet: Planet,
-    ray: BentRay,
-    grid: AltitudeGrid,
-    o: Vec,
-    d: Vec,
-    t0: mi.Float64,
-    t1: mi.Float64,
-    bending: mi.Float64,
+    ray: BentRay, o: Vec, d: Vec, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64
 ) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
     """Return the bending angle at the two Gauss points of a step and at its end; ``bending`` at its beginning."""
     h = t1 - t0
-    rates = []
-    for share in (GAUSS_LOW, 1.0 - GAUSS_LOW):
-        height, normal = planet.height_and_normal(along(o, d, t0 + share * h))
-        rates.append(ray.bending_per_m(*grid.locate(height), normal))
-    a, b = rates
+    a, b = (ray.rate(along(o, d, t0 + share * h)) for share in (GAUSS_LOW, 1.0 - GAUSS_LOW))
     # the integral of the line through both points
     at_a = bending + h * (0.25 * a + (GAUSS_LOW - 0.25) * b)
     at_b = bending + h * ((0.75 - GAUSS_LOW) * a + 0.25 * b)
     return at_a, at_b, bending + 0.5 * h * (a + b)
 
 
-def refracted_umbra(
-    planet: Planet, path: AirPath, o: Vec, d: Vec, ray: BentRay, grid: AltitudeGrid, count: int
-) -> tuple[mi.Float64, mi.Float64]:
+def refracted_umbra(path: AirPath, o: Vec, d: Vec, ray: BentRay, count: int) -> tuple[mi.Float64, mi.Float64]:
     """Return ``y`` where a ray enters and leaves the umbra under refraction; its ends where it does not.
 
     That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray, 0 for rays
@@ -389,8 +367,8 @@ def refracted_umbra(
 
     def evaluate(y: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64, Vec]:
         t = warp(path, y)
-        height, normal = planet.height_and_normal(along(o, d, t))
-        return t, ray.bending_per_m(*grid.locate(height), normal), height, normal
+        point = ray.tables.sun.field.look(along(o, d, t), ray.up)
+        return t, point.rate, point.height_m, point.normal
 
     # as data: marches of more and fewer points share a kernel
     number = dr.opaque(mi.UInt32, count, 1)
@@ -425,7 +403,6 @@ def refracted_umbra(
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
 """Largest step of the tables over heights, even so that no place needs a search: true heights within centimetres."""
-ENTERING_NODES = 257
 LEAST_RISE = 1e-9
 """Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""
 
@@ -485,11 +462,7 @@ class BendingField:
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
         mid, half, _ = self.planet.chord(o, d)
-        _, normal = self.planet.height_and_normal(along(o, d, mid - half))
-        slope = dot(normal, d)
-        up = (normal[0] - slope * d[0], normal[1] - slope * d[1], normal[2] - slope * d[2])
-        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
-        return up[0] * scale, up[1] * scale, up[2] * scale
+        return across(self.planet.height_and_normal(along(o, d, mid - half))[1], d)
 
     def look(self, point: Vec3[Real], up: Vec3[Real]) -> BentPoint[Real]:
         """Return what is at points of rays; ``up``: :meth:`up`. In single precision heights are good to a metre."""
@@ -499,6 +472,13 @@ class BendingField:
         tables: Any = self.single if single else (self.per_m, self.true_m)
         rate = dr.select(inside, interpolate(tables[0], i, w, 1)[0] * dot(normal, up), 0.0)
         return BentPoint(height, normal, interpolate(tables[1], i, w, 1)[0], rate)
+
+    def true_height(self, apparent_m: Real) -> Real:
+        """Return true heights at apparent ones."""
+        i, w, _ = self.grid.locate(apparent_m)
+        single = dr.type_v(apparent_m) == dr.VarType.Float32
+        table: Any = self.single[1] if single else self.true_m
+        return interpolate(table, i, w, 1)[0]
 
     def turned(self, o: Vec, d: Vec, angle: mi.Float64) -> Vec:
         """Return the direction of bent rays that are seen in direction ``d`` where they have turned by an angle."""
@@ -513,8 +493,7 @@ class BendingField:
         height; as it has turned downwards, its vertical is turned forwards.
         """
         apparent, normal = self.planet.height_and_normal(along(o, d, t))
-        i, w, _ = self.grid.locate(apparent)
-        return interpolate(self.true_m, i, w, 1)[0], vertical_of(normal, d, angle)
+        return self.true_height(apparent), vertical_of(normal, d, angle)
 
     def angle(
         self, o: Vec, d: Vec, nodes: int = BENDING_NODES, end: mi.Float64 | None = None, *, single: bool = False
@@ -553,37 +532,17 @@ class BendingField:
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
 
 
-@dataclass(frozen=True)
-class EnteringAngles:
-    """Bending angle [rad] of light from space where it comes down to a height, by the cosine of its angle there.
-
-    ``values`` at cosines ``(k / (n - 1))^2``.
-    """
-
-    values: mi.Float32
-
-    @classmethod
-    def of(cls, field: BendingField, height_m: float) -> EnteringAngles:
-        """Build for a height above the apparent planet. That is a sphere in here: 3e-6 rad."""
-        radius = field.planet.mean_radius_m
-        sphere, zero = replace(field, planet=Planet(radius, radius)), mi.Float64(0.0)
-        mu = table_of(mi.Float64, np.linspace(0.0, 1.0, ENTERING_NODES) ** 2)
-        o = (zero, zero, constant(radius + height_m))
-        # upwards, as light is the same both ways
-        values = mi.Float32(sphere.angle(o, (dr.sqrt(1.0 - mu * mu), zero, mu)))
-        dr.eval(values)
-        return cls(values)
-
-    def at(self, mu: mi.Float32) -> mi.Float32:
-        """Return the angles at cosines."""
-        x = dr.sqrt(dr.clip(mu, 0.0, 1.0)) * (ENTERING_NODES - 1.0)
-        i = dr.minimum(mi.UInt32(x), ENTERING_NODES - 2)
-        return interpolate(self.values, i, x - mi.Float32(i), 1)[0]
-
-
 def _even(top_m: float) -> FloatArray:
     """Return even heights from the ground to a top."""
     return np.linspace(0.0, top_m, math.ceil(top_m / GRID_STEP_M) + 1)
+
+
+def across(vertical: Vec, d: Vec) -> Vec:
+    """Return the unit vector across rays in the plane of a vertical, 0 where they are vertical."""
+    slope = dot(vertical, d)
+    x, y, z = (vertical[k] - slope * d[k] for k in range(3))
+    scale = inverse_root(dr.maximum(x * x + y * y + z * z, 1e-12))
+    return x * scale, y * scale, z * scale
 
 
 def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
@@ -644,7 +603,7 @@ def refracted_sun_table(
     cosine_true = lowest + (1.0 - lowest) * x**2
     values = np.stack([local - cosine_true, spreading], axis=-1)
     grazing_bending = table_of(mi.Float64, angle[:, 0])
-    table = RefractedSunTable(grazing_bending, table_of(mi.Float64, values), n_height, n_mu, radius, field.top_m)
+    table = RefractedSunTable(field, grazing_bending, table_of(mi.Float64, values), n_height, n_mu, radius, field.top_m)
     return table, height, np.clip(local, lowest_local, 1.0)
 
 

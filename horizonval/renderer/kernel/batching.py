@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -62,15 +63,8 @@ RAY_TABLE = TableSize(n_height=512, n_mu=2048, path_nodes=512)
 """For the ``radiance`` command, where accuracy counts more than the table's minute."""
 
 
-@dataclass(frozen=True)
-class _Refraction:
-    """What all batches of a model over apparent heights share; heights and local cosines of the table of the Sun."""
-
-    bending_per_m: mi.Float64
-    true_height: mi.Float64
-    sun: RefractedSunTable
-    height_m: FloatArray
-    cosine: FloatArray
+_Refraction: TypeAlias = tuple[RefractedSunTable, FloatArray, FloatArray]
+"""The table of the Sun that all batches of a model share, with its heights and local cosines."""
 
 
 def make_batches(
@@ -96,9 +90,7 @@ def make_batches(
         if scattering is not None:
             true_model = without_peaks(true_model, scattering.particle_degree)
         if model.nodes:
-            field = BendingField.of(air)
-            sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
-            refraction = _Refraction(table_of(mi.Float64, air.bending_per_m), table_of(mi.Float64, air.height_m), *sun)
+            refraction = refracted_sun_table(BendingField.of(air), size.n_height, size.n_mu, size.path_nodes)
     true_grid, true_node = AltitudeGrid.of(true_model.altitude_m), {n.name: n for n in true_model.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
     for group in _groups(model.nodes):
@@ -181,9 +173,9 @@ def _solar_nodes(
     if refraction is None:
         sunlight = _fill_sun_table(planet, model.top_m, grid, gas, width, size, shells)
     else:
-        r = refraction
-        depth = _sun_depth(planet, model.top_m, grid, gas, width, r.height_m, r.cosine, size.path_nodes)
-        sunlight = RefractionTables(r.bending_per_m, r.true_height, r.sun, depth, shells)
+        sun, *places = refraction
+        depth = _sun_depth(planet, model.top_m, grid, gas, width, *places, size.path_nodes)
+        sunlight = RefractionTables(sun, depth, shells)
     particles = None
     irradiance = _padded([n.solar_irradiance for n in nodes], width)
     reflectance = [constant(model.albedo / math.pi)] * width

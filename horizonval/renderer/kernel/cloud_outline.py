@@ -30,10 +30,10 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.clouds.relief import BASE_M
-from horizonval.renderer.kernel.clouds import BENDING_NODES_ABOVE, NO_TOP_M, SKIP_MARGIN_M, CloudTable
+from horizonval.renderer.kernel.clouds import NO_TOP_M, SKIP_MARGIN_M, CloudTable
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates, limb_function
 from horizonval.renderer.planet import along, dot
-from horizonval.renderer.refraction import turn_between, vertical_of
+from horizonval.renderer.refraction import END_BENDING_NODES, turn_between, vertical_of
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.types import Vec, Vec3, in_single, inverse_root
@@ -318,7 +318,7 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, lowest: mi.Float64, *,
     zero = single(0.0 * start)
     at_start = rate_at_start = zero
     if bending is not None and up is not None:
-        at_start = single(bending.angle(o, d, BENDING_NODES_ABOVE, start, single=True))
+        at_start = single(bending.angle(o, d, END_BENDING_NODES, start, single=True))
         rate_at_start = bending.look(entry, up).rate
         dr.eval(at_start, rate_at_start)
     highest = dr.full(single, NONE, dr.width(d[0]))

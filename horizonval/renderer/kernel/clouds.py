@@ -40,7 +40,7 @@ from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.refraction import BendingField, EnteringAngles, turn_between, vertical_of
+from horizonval.renderer.refraction import END_BENDING_NODES, BendingField, turn_between, vertical_of
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Real, Vec, Vec3, constant, constant_vector, in_single, inverse_root
 
@@ -50,8 +50,6 @@ SPARSER, LARGE_NODES = 4, 75
 MOST_LARGE_OCTAVES = 5
 """From there on decks have cells, which have kinks."""
 BISECTIONS = 10
-BENDING_NODES_ABOVE = 8
-"""Nodes of the bending above the clouds, seen from inside the air: errors below 9e-6 rad, 60 m."""
 NARROWEST_STEP_M = 250.0
 SQUARES = (16, 8)
 MOST_SKIPPED = 20
@@ -336,18 +334,6 @@ def _tropopause(z: Real) -> Real:
     return middle - half * poleward
 
 
-def turned_above(
-    table: CloudTable, planet: Planet, bending: BendingField, o: Vec, d: Vec, start: mi.Float64, mu: mi.Float32
-) -> mi.Float32:
-    """Return the bending angle [rad] of rays at ``start``, the top of the clouds; ``mu``.
-
-    Cosine to the vertical there.
-    """
-    if dr.width(o[0]) == 1 and float(dot(o, o)[0]) > (planet.a_m + bending.top_m) ** 2:
-        return EnteringAngles.of(bending, float(table.layer_m[0])).at(mu)
-    return mi.Float32(bending.angle(o, d, BENDING_NODES_ABOVE, start, single=True))
-
-
 def first_cloud(
     table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool | mi.Bool, bending: BendingField | None = None
 ) -> tuple[mi.Bool, mi.Float64]:
@@ -411,7 +397,7 @@ def first_cloud_and_turn(
     zero = 0.0 * way
     at_start = rate_at_start = zero
     if bending is not None and up is not None:
-        at_start = turned_above(table, planet, bending, o, d, start, -rise)
+        at_start = single(bending.angle(o, d, END_BENDING_NODES, start, single=True))
         rate_at_start = bending.look(entry, up).rate
     index, last, angle, rate, hit, _ = dr.while_loop(
         (zero, zero + 0.0, at_start, rate_at_start, meets & ~meets, dr.copy(meets)),

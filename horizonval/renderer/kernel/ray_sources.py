@@ -140,7 +140,7 @@ class SunlitRays:
         """Return ``y`` where rays enter and leave the umbra, with refraction by ``count`` evaluations."""
         if self.bent is None:
             return umbra(self.planet, path, self.o, self.d, self.sun)
-        return refracted_umbra(self.planet, path, self.o, self.d, self.bent, self.batch.grid, count)
+        return refracted_umbra(path, self.o, self.d, self.bent, count)
 
     def state_at(self, zero: mi.Float64) -> State:
         """Return the state where rays begin, whose light the first round finds."""
@@ -164,7 +164,7 @@ class SunlitRays:
                 forward = interpolate(batch.particles.forward, i, w, batch.width)
         sun = self.sun
         if self.bent is not None and bending is not None:
-            height, sun = mi.Float32(self.bent.true_height(i, w)), self.bent.sun_at(bending)
+            height, sun = self.bent.tables.sun.field.true_height(height), self.bent.sun_at(bending)
         fields = [batch.diffuse] if batch.bounce is None else [batch.diffuse, batch.bounce.field]
         looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry, forward) for field in fields]
         return [source for sources in looked for source in sources]
@@ -181,8 +181,7 @@ class SunlitRays:
         ) -> tuple[mi.UInt32, mi.Float64, mi.Float64 | None, list[list[mi.Float32]]]:
             end = dr.select(k == 0, t, t + part)
             if self.bent is not None and bending is not None:
-                grid = self.batch.grid
-                _, _, bending = bending_over_step(self.planet, self.bent, grid, self.o, self.d, t, end, bending)
+                _, _, bending = bending_over_step(self.bent, self.o, self.d, t, end, bending)
             return k + 1, end, bending, [*looked[1:], self._look(end, bending)]
 
         zero = dr.zeros(mi.Float32, dr.width(t0))
@@ -199,9 +198,7 @@ class SunlitRays:
         """Return the Gauss points of a step, and the bending angle at its end."""
         at_a = at_b = None
         if self.bent is not None and bending is not None:
-            at_a, at_b, bending = bending_over_step(
-                self.planet, self.bent, self.batch.grid, self.o, self.d, t0, t1, bending
-            )
+            at_a, at_b, bending = bending_over_step(self.bent, self.o, self.d, t0, t1, bending)
         share_a, share_b = (light.share(dr.fma(t1 - t0, share, t0)) for share in (GAUSS_LOW, 1.0 - GAUSS_LOW))
         return Point(at_a, light.at(share_a)), Point(at_b, light.at(share_b)), bending
 
