@@ -264,14 +264,6 @@ def _split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float32]:
     return whole, mi.Float32(v - mi.Float64(whole))
 
 
-def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
-    """Return :func:`horizonval.earth.clouds.earth_pattern.depth_at` at unit normals."""
-    coarse, arithmetic = field.coarse(), kernel_arithmetic()
-    at = earth_pattern.local(_coarse_channels(coarse, normal), arithmetic)
-    noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
-    return earth_pattern.depth(rank_of(noise, coarse.lowest, coarse.highest, coarse.rank), at, arithmetic), at
-
-
 def _coarse_channels(coarse: Coarse, normal: Vec) -> list[mi.Float64]:
     """Return the coarse map at unit normals."""
     latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
@@ -302,12 +294,7 @@ def rank_of(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) 
 
 
 def top_at(field: CloudField, normal: Vec) -> mi.Float64:
-    """Return :func:`horizonval.earth.clouds.relief.top_m` at unit normals."""
-
-    if field.pattern == "earth":
-        depth, at = earth_clouds(field, normal)
-        ceiling = _tropopause(normal[2])
-        return earth_pattern.top_m(depth, at, ceiling, constant(field.top_m), kernel_arithmetic())
+    """Return :func:`horizonval.earth.clouds.relief.top_m` of the uniform pattern at unit normals."""
     cover = constant(field.share)
     u = rank_of(relief.noise(normal, field, _split, mi.Float32), *relief.rank_table(field))
     s = (u - (1.0 - cover)) / cover

@@ -18,7 +18,7 @@ from typing import Protocol, Self, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
+from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.planet import Bands, Planet, along
 from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.scattering.source_table import HorizontalTransfer, SourceTable
@@ -203,11 +203,6 @@ class SolarNodes(_Air):
     glow: GlowNodes | None = None
     moonlight: Values | None = None
     columns: ColumnAir | None = None
-
-    @property
-    def on_a_map(self) -> bool:
-        """Whether the air varies with longitude too."""
-        return self.columns is not None and isinstance(self.columns.places, Lattice)
 
     def under(self, maps: Sequence[Gaps | None]) -> SolarNodes:
         """Return the batch, and its airglow, with the gaps of its layers."""
