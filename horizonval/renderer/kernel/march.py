@@ -34,7 +34,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, ShiningNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import STEPS, EmittingRays, Point, RaySource, State, SunlitRays
+from horizonval.renderer.kernel.ray_sources import STEPS, Point, State, SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.planet import (
     GAUSS_LOW,
@@ -84,7 +84,11 @@ def march(
     cloud = None if hit is None else (hit.cloud, hit.t)
     air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, cloud)
     along_rays, sky = ground_factors or (None, None)
-    ground = air.source.ground_radiance(air.path, hit, air.state, sky)
+    if isinstance(batch, GlowNodes):
+        ground = batch.ground
+    else:
+        assert air.rays is not None
+        ground = air.rays.ground_radiance(air.path, hit, air.state[1], sky)
     ends = to_ground if hit is None else hit.ends
     pairs = zip(air.over_ground(along_rays), ground, air.transmittance, strict=True)
     return [r + dr.select(ends, g * t, 0.0) for r, g, t in pairs], air.transmittance
@@ -101,7 +105,7 @@ class AirMarch:
     bounce: Values
     transmittance: Values
     path: AirPath
-    source: RaySource
+    rays: SunlitRays | None
     state: State
 
     def over_ground(self, factors: Values | None) -> Values:
@@ -138,21 +142,20 @@ def march_air(
     dr.make_opaque(to_ground)
     path = find_path(planet, top_m, o, d, to_ground, cloud)
     bands, shadow = batch.bands, None
-    source: RaySource
+    rays = None
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun)
-        shadow = source.shadow(path, 0 if lit else count // 2)
+        rays = SunlitRays.of(batch, planet, path, o, d, sun)
+        shadow = rays.shadow(path, 0 if lit else count // 2)
     else:
-        source = EmittingRays(batch)
         bands = bands or (LayerBand(batch.layer_m, top_m),)
     steps = layered_steps(planet, path, o, d, bands, count, umbra=shadow, spare=lit)
 
     def bound(i: mi.Float64) -> mi.Float64:
         return warp(path, steps.boundary(i))
 
-    tau, radiance, state = _integrate(planet, path, batch, source, o, d, steps.count, bound)
+    tau, radiance, state = _integrate(planet, path, batch, rays, o, d, steps.count, bound)
     width = batch.width
-    return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, source, state)
+    return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, rays, state)
 
 
 def optical_depth(planet: Planet, top_m: float, batch: OpacityNodes, o: Vec, d: Vec, nodes: int) -> Values:
@@ -163,7 +166,7 @@ def optical_depth(planet: Planet, top_m: float, batch: OpacityNodes, o: Vec, d: 
     def bound(i: mi.Float64) -> mi.Float64:
         return warp(path, steps.boundary(i))
 
-    return _integrate(planet, path, batch, EmittingRays(batch), o, d, steps.count, bound)[0]
+    return _integrate(planet, path, batch, None, o, d, steps.count, bound)[0]
 
 
 @dataclass(frozen=True)
@@ -255,17 +258,16 @@ def march_to_stations(
     dr.make_opaque(ends)
     path = find_path(planet, top_m, o, d, ends)
     count = stations.before + stations.steps
-    source: RaySource = EmittingRays(batch)
-    edges: list[mi.Float64] = []
+    rays, edges = None, list[mi.Float64]()
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun)
+        rays = SunlitRays.of(batch, planet, path, o, d, sun)
         if stations.shadow:
-            edges = [warp(path, y) for y in source.shadow(path, count // 2)]
-    rays = dr.width(path.t_low)
+            edges = [warp(path, y) for y in rays.shadow(path, count // 2)]
+    lanes = dr.width(path.t_low)
     # as data: frames with other numbers of rays share the kernel
-    lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
+    lane, width = dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, lanes, 1)
     parts = _parts(batch)
-    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range((parts + 1) * batch.width)]
+    noted = [dr.zeros(mi.Float64, lanes * stations.count) for _ in range((parts + 1) * batch.width)]
 
     def bound(i: mi.Float64) -> mi.Float64:
         return stations.bound(path, edges, i)
@@ -280,7 +282,7 @@ def march_to_stations(
         tau, radiance = ([dr.select(here, 0.0, v) for v in sums] for sums in (tau, radiance))
         return tau, radiance
 
-    _, _, state = _integrate(planet, path, batch, source, o, d, count, bound, note, attenuated)
+    _, _, state = _integrate(planet, path, batch, rays, o, d, count, bound, note, attenuated)
     first, last = batch.width, parts * batch.width
     return noted[:first], noted[first:last], noted[last:], state[1]
 
@@ -298,7 +300,7 @@ def _integrate(
     planet: Planet,
     path: AirPath,
     batch: ShiningNodes | OpacityNodes,
-    source: RaySource,
+    rays: SunlitRays | None,
     o: Vec,
     d: Vec,
     count: int | mi.UInt32,
@@ -306,7 +308,7 @@ def _integrate(
     note: Callable[[mi.UInt32, Values, Values], tuple[Values, Values]] | None = None,
     attenuated: bool = True,
 ) -> tuple[Values, Values, State]:
-    """Return optical depth and radiances per node, and the source's state at the end.
+    """Return optical depth and radiances per node, and the state of sunlit ``rays`` at the end.
 
     ``note`` gets both after each step, and returns with what to go on.
     """
@@ -314,19 +316,26 @@ def _integrate(
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
         place = batch.place(planet, o, d, t)
         k = batch.extinction_at(place)
-        return k, source.source_at(place, k, point)
+        if isinstance(batch, SolarNodes):
+            assert rays is not None
+            return k, rays.source_at(place, point)
+        return k, batch.source_at(place)
 
     def body(
         i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
     ) -> tuple[mi.UInt32, mi.Float64, Values, Values, State]:
-        light, (looked, _) = source.over_round(t0, bound(mi.Float64(i) + float(STEPS)), state, i == 0)
+        light, looked = None, state[0]
+        if rays is not None:
+            light, looked = rays.over_round(t0, bound(mi.Float64(i) + float(STEPS)), state, i == 0)
 
         def step(
             k: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, bending: mi.Float64 | None
         ) -> tuple[mi.UInt32, mi.Float64, Values, Values, mi.Float64 | None]:
             tau, radiance = list(tau), list(radiance)
             t1 = bound(mi.Float64(i + k) + 1.0)
-            low, high, bending = source.over_step(t0, t1, bending, light)
+            low, high = Point(), Point()
+            if rays is not None:
+                low, high, bending = rays.over_step(t0, t1, bending, light)
             h = t1 - t0
             k_a, j_a = evaluate(t0 + GAUSS_LOW * h, low)
             k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, high)
@@ -350,7 +359,7 @@ def _integrate(
     start = bound(zero)
     nothing = [zero + 0.0] * batch.width
     dark = [zero + 0.0] * (batch.width * _parts(batch))
-    state = source.state_at(zero)
+    state: State = ([], None) if rays is None else rays.state_at(zero)
     _, _, tau, radiance, state = dr.while_loop(
         (mi.UInt32(0), start, nothing, dark, state),
         lambda i, *_: i < count,

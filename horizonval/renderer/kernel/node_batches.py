@@ -115,7 +115,7 @@ class _Air:
 class OpacityNodes(_Air):
     """Air that does not shine."""
 
-    def source_at(self, place: Place, extinction: Values) -> Values:
+    def source_at(self, place: Place) -> Values:
         """Return nothing for no node: there is no emission to add up."""
         return []
 
@@ -132,7 +132,7 @@ class GlowNodes(_Air):
     ground: Values
     layer_m: float
 
-    def source_at(self, place: Place, extinction: Values) -> Values:
+    def source_at(self, place: Place) -> Values:
         """Return the emission per metre."""
         return [dr.select(place.inside, v, 0.0) for v in place.read(self.emission, self.width)]
 
@@ -289,7 +289,6 @@ class SolarNodes(_Air):
         return total, [dr.clip(g, -0.99, 0.99) for g in mixed]
 
 
-EmittingNodes: TypeAlias = GlowNodes | OpacityNodes
 ShiningNodes: TypeAlias = SolarNodes | GlowNodes
 
 

@@ -22,7 +22,7 @@ from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
+from horizonval.renderer.kernel.ray_sources import SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
@@ -374,8 +374,8 @@ class FrameTables:
         planet, o, d = self.view.planet, self.view.origin, rays.direction
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
-        bent = bent_ray(nodes, planet, path, o, d, light.direction)
-        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
+        rays = SunlitRays.of(nodes, planet, path, o, d, light.direction)
+        return rays.ground_radiance(path, hit, bending, reflected)
 
 
 def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
