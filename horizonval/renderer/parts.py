@@ -1,40 +1,30 @@
 """Parts laid over a frame: ``L = c L_part + (1 - c) L_earth``, with the exact covered share c of every pixel.
 
-The share is that of the truth (:mod:`horizonval.geometry.part`) and not of the rays that lit the parts.
+The share is that of the truth (:mod:`horizonval.geometry.part`), not of the rays that light the parts.
 
-**Surfaces by name.** Reflectance at a few wavelengths, linear between them and constant beyond. Each is read off
-typical published curves of its kind (Henninger, Solar absorptance and thermal emittance of some common spacecraft
-thermal-control coatings, NASA RP 1121, 1984) with an uncertainty of 0.05: coatings differ from maker to maker, and age.
-Roughness is an assumption. In thermal bands every surface is a grey Lambert one.
+**Surfaces by name** have a reflectance at a few wavelengths, linear between them. It is read off typical published
+curves (Henninger, Solar absorptance and thermal emittance of some common spacecraft thermal-control coatings, NASA RP
+1121, 1984) with an uncertainty of 0.05: coatings differ from maker to maker, and age. Roughness is an assumption. In
+thermal bands every surface is a grey Lambert one.
 
-**Light of parts**, by stock Mitsuba's ``path`` integrator. The scene is metres large, in camera axes with the camera at
-its origin, so that single precision serves. Rays are the camera's rays, spread over each pixel (multi-jittered); a
-pixel's light is the mean over those that meet a part. Pixels that a part covers by a sliver which no ray met take the
-light of the nearest pixel that has some.
+**Light of parts** comes from stock Mitsuba's surfaces, in a scene metres large, in camera axes with the camera at its
+origin, so that single precision serves. Rays are the camera's rays, spread over each pixel; a pixel's light is the mean
+over those that meet a part. Pixels that no ray met take the light of the nearest pixel that has some. Rays go where the
+light changes (:mod:`horizonval.renderer.part_pixels`).
 
-Rays go where the light changes (:mod:`horizonval.renderer.part_pixels`): along edges of faces and shadows, and to every
-fourth pixel of the faces of matt parts.
+- *The Earth and the sky*: each ray is followed from part to part until it leaves for the sky. Where it leaves does not
+  depend on the attitude, so the ways are followed once for a camera and its parts; every frame only reads a map of the
+  sky there. The map is our rendered picture all round from the same place, in longitude and latitude about the nadir,
+  so that the limb runs along a row and is covered exactly. It has neither Sun nor Moon; moonlight on parts is neglected.
+- *Heat* that parts emit, and that other parts reflect, is added along the same ways.
+- *The Sun* is rendered for every frame by Mitsuba's ``path``, dimmed by the share of its disc that the Earth hides and
+  by the air before it, mean over points of the disc along straight rays. It is a disc at infinity of unit irradiance.
+  Stock Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in
+  single precision. Directions are sampled evenly over the disc, in ``1 - cos``, in double precision.
 
-Sunlight and the light of the Earth are rendered separately, so that neither adds noise to the other: under the Sun a
-Lambert panel is noisy by 2e-4 of its light, by an even Earth by 0.1 % (from above) to 1 % (edge-on) of a pixel's with
-256 rays. Light that a metal throws onto another part (a caustic) is noisier. In thermal bands::
-
-    L_part = e B(T) + what the part reflects, with a reflectance of 1 - e, of the Earth
-
-Light goes from part to part, at most :data:`MOST_BOUNCES` times; heat that one part emits and another reflects is
-neglected. Seeds come from a hash of the frame's identity, so that equal frames are equal to the last bit.
-
-**What shines on parts**: the Earth all round, and the Sun through the air before it. The Earth is our rendered picture
-from the same place: a map in longitude and latitude about the nadir, so that the limb runs along a row and is covered
-exactly, from the same tables as the frame. It is a Mitsuba ``envmap``, which is linear between rows from pole
-to pole and between the middles of columns; the map's camera has its pixels at those points. The map excludes the Sun,
-which is a separate light, and the Moon; moonlight on parts is neglected. The Sun's light is dimmed by the share of its
-disc that the Earth hides and by the air before it, mean over points of the disc along straight rays.
-
-**The Sun** is a Mitsuba emitter: a disc at infinity of unit irradiance, which smooth surfaces mirror as a disc. Stock
-Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in single
-precision; a map of the sky cannot hold half a degree. Directions are sampled evenly over the disc, in ``1 - cos``,
-whose small values are computed in double precision.
+Light goes from part to part at most :data:`MOST_BOUNCES` times. Seeds depend on the parts and the camera, so that equal
+frames are equal to the last bit. Noise of a pixel's light is 1 to 2 % under an even Earth with 256 rays and 2e-4 under
+the Sun on an open panel; light that a metal throws onto another part is noisier.
 """
 
 from __future__ import annotations
