@@ -15,7 +15,7 @@ light changes (:mod:`horizonval.renderer.part_pixels`).
 - *The Earth and the sky*: each ray is followed from part to part until it leaves for the sky. Where it leaves does not
   depend on the attitude, so the ways are followed once for a camera and its parts; every frame only reads a map of the
   sky there. The map is our rendered picture all round from the same place, in longitude and latitude about the nadir,
-  so that the limb runs along a row and is covered exactly. It has neither Sun nor Moon; moonlight on parts is neglected.
+  so that the limb runs along a row and is covered exactly. It has neither Sun nor Moon; moonlight is neglected.
 - *Heat* that parts emit, and that other parts reflect, is added along the same ways.
 - *The Sun* is rendered for every frame by Mitsuba's ``path``, dimmed by the share of its disc that the Earth hides and
   by the air before it, mean over points of the disc along straight rays. It is a disc at infinity of unit irradiance.
@@ -461,7 +461,7 @@ class PartScene:
             return sampler, ray, weight, glow, bounces + dr.select(going, mi.UInt32(1), 0), going & (weight > 0.0)
 
         whole, dark, none = dr.ones(mi.Float, lanes), dr.zeros(mi.Float64, lanes), dr.zeros(mi.UInt32, lanes)
-        state = sampler, mi.Ray3f(ray), whole, dark, none, dr.full(mi.Bool, True, lanes)
+        state: tuple[Any, ...] = sampler, mi.Ray3f(ray), whole, dark, none, dr.full(mi.Bool, True, lanes)
         _, ray, weight, glow, bounces, _ = dr.while_loop(state, lambda *s: s[-1], follow, label="ways to the sky")
         weight = dr.select(bounces > 0, weight, 0.0)
         met = dr.select(bounces > 0, mi.Float64(1.0), 0.0)

@@ -173,8 +173,8 @@ def _solar_nodes(
     if refraction is None:
         sunlight = _fill_sun_table(planet, model.top_m, grid, gas, width, size, shells)
     else:
-        sun, *places = refraction
-        depth = _sun_depth(planet, model.top_m, grid, gas, width, *places, size.path_nodes)
+        sun, height_m, cosine = refraction
+        depth = _sun_depth(planet, model.top_m, grid, gas, width, height_m, cosine, size.path_nodes)
         sunlight = RefractionTables(sun, depth, shells)
     particles = None
     irradiance = _padded([n.solar_irradiance for n in nodes], width)

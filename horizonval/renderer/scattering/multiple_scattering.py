@@ -603,12 +603,12 @@ def multiple_scattering(
     top_m = float(altitude_m[-1])
     keys = [content_key(node, altitude_m, planet_m, quality) for node in nodes]
 
-    def found(key: str, node: SpectralNode) -> MultipleScattering | None:
+    def kept(key: str, node: SpectralNode) -> MultipleScattering | None:
         bands = layer_bands(node, altitude_m)
         heights = field_heights(top_m, quality.n_height, bands) if bands else None
         return _memory.get(key) or _read(key, top_m, planet_m, degree_of(node, quality), quality, heights)
 
-    solutions = {key: found(key, node) for key, node in zip(keys, nodes, strict=True)}
+    solutions = {key: kept(key, node) for key, node in zip(keys, nodes, strict=True)}
     missing: dict[int, dict[str, SpectralNode]] = {}
     for key, node in zip(keys, nodes, strict=True):
         if solutions[key] is None:
@@ -617,7 +617,7 @@ def multiple_scattering(
         for first in range(0, len(columns), SOLVED_TOGETHER):
             together = dict(list(columns.items())[first : first + SOLVED_TOGETHER])
             with making(_path(next(iter(together)))), made_once("tables"):
-                solutions |= {key: found(key, node) for key, node in together.items()}
+                solutions |= {key: kept(key, node) for key, node in together.items()}
                 some = {key: node for key, node in together.items() if solutions[key] is None}
                 if some:
                     table = sun_table(list(some.values()))
@@ -625,9 +625,9 @@ def multiple_scattering(
                     for key, solution in zip(some, solved, strict=True):
                         _write(_path(key), key, solution)
                         solutions[key] = solution
-    result = [solution for key in keys if (solution := solutions[key]) is not None]
-    for key, solution in zip(keys, result, strict=True):
-        _memory[key] = solution
+    result = [found for key in keys if (found := solutions[key]) is not None]
+    for key, one in zip(keys, result, strict=True):
+        _memory[key] = one
         _memory.move_to_end(key)
     while len(_memory) > _KEPT:
         _memory.popitem(last=False)
