@@ -27,6 +27,7 @@ or a border between kinds of ground is cut, too, and so is everything under clou
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -261,11 +262,7 @@ class CutPixels:
 
     def rays(self, cell: mi.UInt32) -> Rays:
         """Return rays through the centres of cells."""
-        if not dr.width(cell):
-            return _no_rays(cell)
-        return Rays(
-            cell, self.view.rays.direction(*self.centre(cell)), dr.ones(mi.Float64, dr.width(cell)), dr.width(cell)
-        )
+        return _through(self.view, cell, lambda: self.centre(cell))
 
 
 _NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
@@ -278,7 +275,8 @@ def group_cells(view: FrameGeometry, outlines: bool = True) -> Cells:
     """
     kinds = sort_pixels(view)
     count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
-    whole = _whole_rays(view, kinds.ground, count)
+    whole_slots = numbers_from(count, dr.width(kinds.ground))
+    whole = _through(view, whole_slots, lambda: view.column_and_row(kinds.ground))
     whole_space = numbers_from(count + dr.width(kinds.ground), dr.width(kinds.space))
     if not count:
         return Cells(view, kinds, _joined([whole]), _no_rays(mi.UInt32()), whole_space, None, None)
@@ -365,13 +363,10 @@ def _picked(rays: Rays, index: mi.UInt32) -> Rays:
     return Rays(dr.gather(mi.UInt32, rays.slot, index), (x, y, z), share, dr.width(index))
 
 
-def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:
-    """Return rays through the centres of whole pixels."""
-    n = dr.width(pixel)
-    if not n:
-        return _no_rays(pixel)
-    direction = view.rays.direction(*view.column_and_row(pixel))
-    return Rays(numbers_from(first_slot, n), direction, dr.ones(mi.Float64, n), n)
+def _through(view: FrameGeometry, slot: mi.UInt32, at: Callable[[], tuple[mi.Float64, mi.Float64]]) -> Rays:
+    """Return rays that fill their slots, through pixel coordinates."""
+    n = dr.width(slot)
+    return Rays(slot, view.rays.direction(*at()), dr.ones(mi.Float64, n), n) if n else _no_rays(slot)
 
 
 @dataclass(frozen=True)
@@ -410,16 +405,10 @@ def edge_geometry(view: FrameGeometry, u: mi.Float64, v: mi.Float64) -> EdgeGeom
 
 def _edge_cells(view: FrameGeometry, cut: CutPixels, edge: mi.UInt32) -> tuple[Rays, Rays]:
     """Return rays of cells on the limb, through the covered parts and through the free parts."""
-    cells = edge_geometry(view, *cut.centre(edge))
-
-    def of(part: mi.Float64, direction: Vec) -> Rays:
-        index = indices_where(part > 0.0)
-        if not dr.width(index):
-            return _no_rays(index)
-        x, y, z, filled = (dr.gather(mi.Float64, c, index) for c in (*direction, part))
-        return Rays(dr.gather(mi.UInt32, edge, index), (x, y, z), filled, dr.width(index))
-
-    return of(cells.share, cells.inner), of(1.0 - cells.share, cells.outer)
+    cells, count = edge_geometry(view, *cut.centre(edge)), dr.width(edge)
+    parts = (cells.share, cells.inner), (1.0 - cells.share, cells.outer)
+    inner, outer = (_picked(Rays(edge, d, part, count), indices_where(part > 0.0)) for part, d in parts)
+    return inner, outer
 
 
 def _no_rays(index: mi.UInt32) -> Rays:
