@@ -30,13 +30,13 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.clouds.relief import BASE_M
-from horizonval.renderer.kernel.clouds import NO_TOP_M, SKIP_MARGIN_M, CloudTable
+from horizonval.renderer.kernel.clouds import NO_TOP_M, SKIP_MARGIN_M, CloudTable, CloudWalk
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates, limb_function
 from horizonval.renderer.planet import along, dot
-from horizonval.renderer.refraction import END_BENDING_NODES, turn_between, vertical_of
+from horizonval.renderer.refraction import BentPoint
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
-from horizonval.renderer.types import Vec, Vec3, in_single, inverse_root
+from horizonval.renderer.types import Vec, Vec3, inverse_root
 
 LINES = 4
 """Across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
@@ -269,65 +269,49 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, lowest: mi.Float64, *,
     count = dr.select(half > 0.0, dr.ceil((nearest + half - start) / table.step_m), -1.0)
 
     bending, single = view.bending, mi.Float32
-    up = None if bending is None else in_single(bending.up(o, d))
-    entry, along_ray, from_camera = in_single(along(o, d, start)), in_single(d), single(start)
-    step_m = single(table.step_m)
-
-    def place(
-        s: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32
-    ) -> tuple[mi.Float32, Vec3[mi.Float32], Vec3[mi.Float32], mi.Float32, mi.Float32]:
-        """Return apparent heights and normals, true verticals, and angle and rate, by those at ``before``."""
-        point = along(entry, along_ray, s)
-        if bending is None or up is None:
-            height, normal = planet.height_and_normal(point)
-            return height, normal, normal, angle, rate
-        bent = bending.look(point, up)
-        angle = dr.fma(turn_between(rate, bent.rate), s - before, angle)
-        return bent.height_m, bent.normal, vertical_of(bent.normal, along_ray, angle), angle, bent.rate
+    walk, from_camera, step_m = CloudWalk.of(planet, bending, o, d, start), single(start), single(table.step_m)
 
     def apparent(top: mi.Float32) -> mi.Float32:
         return top if bending is None else dr.select(top > BASE_M, bending.apparent(top), NO_TOP_M)
 
-    def turn_at(t: mi.Float32, height: mi.Float32, normal: Vec3[mi.Float32], vertical: Vec3[mi.Float32]) -> mi.Float32:
-        top, rise = table.top(vertical), dr.minimum(dot(normal, along_ray), 0.9)
-        return dr.select(top > BASE_M, (apparent(top) - height) * inverse_root(1.0 - rise * rise) / t, NONE)
+    def turn_at(t: mi.Float32, point: BentPoint[mi.Float32], vertical: Vec3[mi.Float32]) -> mi.Float32:
+        top, rise = table.top(vertical), dr.minimum(dot(point.normal, walk.direction), 0.9)
+        return dr.select(top > BASE_M, (apparent(top) - point.height_m) * inverse_root(1.0 - rise * rise) / t, NONE)
 
     def glance(
         i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, highest: mi.Float32
     ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Float32]:
         s = i * step_m
-        height, normal, vertical, angle, rate = place(s, before, angle, rate)
-        highest = dr.maximum(highest, turn_at(from_camera + s, height, normal, vertical))
-        return i + single(table.squares[0].steps), s, angle, rate, highest
+        point, vertical, angle = walk.at(s, before, angle, rate)
+        highest = dr.maximum(highest, turn_at(from_camera + s, point, vertical))
+        return i + single(table.squares[0].steps), s, angle, point.rate, highest
 
     def look(
         i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, highest: mi.Float32
     ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Float32]:
         s = i * step_m
         t = from_camera + s
-        height, normal, vertical, angle, rate = place(s, before, angle, rate)
-        steps, falling = single(1.0), dr.minimum(dot(normal, along_ray), 0.0)
+        point, vertical, angle = walk.at(s, before, angle, rate)
+        steps, falling = single(1.0), dr.minimum(dot(point.normal, walk.direction), 0.0)
         for squares in table.squares:
             skipped = single(squares.steps)
-            above = apparent(table.highest_around(squares, vertical)) - dr.fma(falling, skipped * step_m, height)
+            above = apparent(table.highest_around(squares, vertical)) - dr.fma(
+                falling, skipped * step_m, point.height_m
+            )
             above += SKIP_MARGIN_M
             most = above * dr.select(above > 0.0, STEEPEST / t, 1.0 / (t + skipped * step_m))
             steps = dr.maximum(steps, dr.select(most <= highest, skipped, 1.0))
-        return i + steps, s, angle, rate, dr.maximum(highest, turn_at(t, height, normal, vertical))
+        return i + steps, s, angle, point.rate, dr.maximum(highest, turn_at(t, point, vertical))
 
     zero = single(0.0 * start)
-    at_start = rate_at_start = zero
-    if bending is not None and up is not None:
-        at_start = single(bending.angle(o, d, END_BENDING_NODES, start, single=True))
-        rate_at_start = bending.look(entry, up).rate
-        dr.eval(at_start, rate_at_start)
+    dr.eval(walk.angle, walk.rate)
     highest = dr.full(single, NONE, dr.width(d[0]))
     last = single(count)
     # a glance at some points first: what stays below the highest of them is skipped then
     passes = [(glance, "cloud glance"), (look, "cloud outline")]
     for pass_of, label in passes if everywhere else passes[:1]:
         highest = dr.while_loop(
-            (zero + 0.0, zero + 0.0, at_start, rate_at_start, highest),
+            (zero + 0.0, zero + 0.0, walk.angle, walk.rate, highest),
             lambda i, before, angle, rate, highest: i <= last,
             pass_of,
             labels=("i", "before", "angle", "rate", "highest"),
