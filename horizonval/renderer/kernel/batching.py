@@ -259,14 +259,10 @@ def _gapped(
 
 def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
     """Return a column whose heights without scattering take the value of the nearest height that scatters."""
-    where = np.nonzero(scattering > 0.0)[0]
+    where = np.flatnonzero(scattering > 0.0)
     if not len(where):
         return values
-    after = np.clip(np.searchsorted(where, np.arange(len(values))), 0, len(where) - 1)
-    before = np.maximum(after - 1, 0)
-    here = np.arange(len(values))
-    nearer = np.abs(where[before] - here) < np.abs(where[after] - here)
-    return np.asarray(values[np.where(nearer, where[before], where[after])])
+    return np.asarray(values[where[np.abs(where[:, None] - np.arange(len(values))).argmin(axis=0)]])
 
 
 def _without_layers(nodes: Sequence[SpectralNode], width: int) -> mi.Float64:

@@ -166,11 +166,8 @@ class RayCamera:
 
     def _rotate(self, x: mi.Float64, y: mi.Float64, z: mi.Float64) -> Vec:
         m = self.rows
-        return (
-            m[0] * x + m[1] * y + m[2] * z,
-            m[3] * x + m[4] * y + m[5] * z,
-            m[6] * x + m[7] * y + m[8] * z,
-        )
+        a, b, c = (m[k] * x + m[k + 1] * y + m[k + 2] * z for k in (0, 3, 6))
+        return a, b, c
 
 
 def _from_sphere(shape: Values, x: mi.Float64, y: mi.Float64) -> Vec:

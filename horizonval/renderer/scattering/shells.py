@@ -419,13 +419,10 @@ class MultipleScattering:
     def over_ground(self, albedo: float) -> DiffuseField:
         """Return the field over a Lambert ground."""
         factor = albedo / (1.0 - albedo * self.spherical_albedo)
-        return DiffuseField(
-            self.air.top_m,
-            self.air.planet_m,
-            self.air.degree,
-            self.air.moments + factor * self.bounce.moments,
-            self.air.irradiance + factor * self.bounce.irradiance,
-            self.air.heights,
+        return replace(
+            self.air,
+            moments=self.air.moments + factor * self.bounce.moments,
+            irradiance=self.air.irradiance + factor * self.bounce.irradiance,
         )
 
 
