@@ -7,34 +7,27 @@ vertical. With the apparent radius ``x = n(r) r`` this is the law of a straight 
     dpsi = g(x) sin(theta) dt,   g = -d ln n / dx     by how much the bent ray has turned downwards
 
 so that the straight march in x with every coefficient multiplied by ``dr/dx = 1 / (n + r dn/dr)`` is exact for the bent
-ray. The ground lies at ``x = n(0) R``: the **apparent planet** is larger by ``(n(0) - 1) R``, 1.77 km in visible light,
-and whatever asks where an outline is asks it of that planet. The local frame (vertical and ray) of the bent ray is that
-of the straight one, turned by psi in the plane of the ray; instead of the frame the Sun is turned, by -psi.
+ray. The ground lies at ``x = n(0) R``: the **apparent planet** is larger by ``(n(0) - 1) R``, 1.77 km in visible light.
+The local frame (vertical and ray) of the bent ray is that of the straight one, turned by psi in the plane of the ray;
+instead of the frame the Sun is turned, by -psi.
 
 **The Sun's light** arrives at apparent radius x with a true zenith angle Theta (of the Sun at infinity) and a local one
-theta = Theta - psi: tables give per height the cosine of the lowest Sun that still shines, and per height and
-``cos(Theta)`` the lift ``cos(theta) - cos(Theta)`` and the spreading of the beam. With the annuli of a parallel beam,
-``b db / (r^2 sin(Theta) dTheta cos(theta))``, the irradiance across the ray changes by::
+theta = Theta - psi. Tables give per height the cosine of the lowest Sun that still shines, and per height and
+``cos(Theta)`` the lift ``cos(theta) - cos(Theta)`` and the spreading of the beam: the irradiance across the ray changes
+by ``n^2 d cos(theta) / d cos(Theta)``. Radiance goes with n^2 as well, so that scattered light leaves the air without
+any n^2, which is left out throughout (a camera inside the air would see 5e-4 more at the ground).
 
-    n^2 d cos(theta) / d cos(Theta)
-
-Radiance goes with n^2 as well, so that scattered light leaves the air without any n^2; it is left out throughout (a
-camera inside the air would see 5e-4 more at the ground).
-
-**One scale for all air.** Lines stay straight when all lengths are multiplied by the same number. Apparent radii are
-multiplied by ``s = (R + w) / (n(0) R)``, w whole kilometres (2 km for all the Earth's air), so that the apparent planet
-and the top of the air are the same whatever the air: they are constants of the kernels, and all scenes share theirs.
-Cameras move by that, some 4e-5 of their distance; directions stay.
+**One scale for all air.** Apparent radii are multiplied by ``s = (R + w) / (n(0) R)``, w whole kilometres (2 km for all
+the Earth's air): lines stay straight, and the apparent planet and the top of the air are the same whatever the air, so
+that all scenes share kernels. Cameras move by some 4e-5 of their distance; directions stay.
 
 Approximations: one index for all wavelengths of a model, the mean of its nodes (1 % of the bending at either end of the
-visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (N dR: 10 m at the ground in places of the
-Earth's ellipsoid, 3 m at 10 km, less above); geodetic verticals turn with the ray as if the planet were a sphere
-(1e-4 rad). Light is bent as by the column below the camera, whatever the air at the limb: no horizontal gradients, no
-scintillation. The index starts from 1 at the highest node.
+visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (10 m at the ground in places, 3 m at
+10 km); geodetic verticals turn with the ray as if the planet were a sphere (1e-4 rad). Light is bent as by the column
+below the camera, whatever the air at the limb: no horizontal gradients, no scintillation.
 
-**Bending angles** give directions behind the air, positions along bent rays and the direction of sunlight. A ray that
-grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted and
-flattened.
+A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
+and flattened.
 """
 
 from __future__ import annotations

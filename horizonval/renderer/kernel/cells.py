@@ -1,27 +1,20 @@
 """Which cells of a frame see ground, limb or Sun, and the rays through them.
 
 Pixels that contain an edge are cut into k x k cells. A cell whose outline test is clear is one ray through its centre.
-A cell on the hard edge is two: one through the middle of its covered part, ending at the ground, one through the
-middle of the rest, passing it. Where the outline of clouds cuts what lies above the limb, that is two as well, one
-below the outline and one above (``cloud_outline``). A whole pixel is one ray. Rays above the atmosphere are not
-marched.
+A cell on the hard edge is two: one through the middle of its covered part, which ends at the ground, and one through
+the middle of the rest. Where the outline of clouds cuts what lies above the limb, that is two as well
+(``cloud_outline``). A whole pixel is one ray. Rays above the atmosphere are not marched.
 
-Cells and whole pixels are grouped by what they see before any radiance is computed, so no lane idles and every sum has
-a fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
-side by side, then the whole pixels.
+Cells and whole pixels are grouped by what they see before any radiance is computed: every sum has a fixed order.
+Both have slots in one array: first the cells, those of a pixel side by side, then the whole pixels.
 
-**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb, in the air above it, and at
-the discs of Sun and Moon. A pixel of space needs no ray. A pixel of even ground is one ray through its centre: where
-radiance changes over an angle s, the mean of 2 x 2 cells differs from the value at the centre by :math:`(p/s)^2/32` for
-pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The scales are
-
-- the angle from the limb, in powers of which a grazing ray's path through the air changes,
-- the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint (:data:`GLINT_RAD`),
-- on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
-  shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
-
-Pixels that are large against gaps in thin cloud are cut. A pixel with the terminator, a coast, the edge of snow or ice
-or a border between kinds of ground is cut, too, and so is everything under clouds.
+**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb, in the air above it, at the
+discs of Sun and Moon, under clouds, at a border between kinds of ground, and where it is large against gaps in thin
+cloud. A pixel of even ground is one ray: where radiance changes over an angle s, the mean of 2 x 2 cells differs from
+the value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s.
+The scales are the angle from the limb, the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint
+(:data:`GLINT_RAD`), and on the ground a sixth of the cosine of the light's zenith angle; in twilight the angle over
+which the Earth's shadow rises by a scale height (:data:`TWILIGHT_RAD`), beyond which there is no light (:data:`NIGHT`).
 """
 
 from __future__ import annotations

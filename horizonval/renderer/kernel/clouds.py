@@ -1,23 +1,19 @@
 """Cloud tops inside the renderer: a table of the relief as seen from above, and where rays meet it.
 
 The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
-arithmetic as :mod:`horizonval.earth.clouds.relief`; between its nodes the relief is bilinear. At 500 km a node
-stands for 1.9 km, at 36 000 km for 6 km. Structure of the Earth's pattern larger than 75 nodes is computed at every
-fourth node: that moves tops by some 20 m, a tenth of the error of bilinear interpolation between nodes.
+arithmetic as :mod:`horizonval.earth.clouds.relief` and bilinear between its nodes. At 500 km a node stands for 1.9 km,
+at 36 000 km for 6 km. Structure of the Earth's pattern larger than 75 nodes is computed at every fourth node: that
+moves tops by some 20 m, a tenth of the error between nodes.
 
 A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps over
-half a table node; the crossing between the last step outside and the first inside is bisected to 1e-3 of a step. Peaks
-narrower than a step may be missed where a ray grazes them. Points are in single precision, from where a ray
-enters the layer: heights are good to a metre. Two more maps hold the highest top in squares of
-:data:`SQUARES` nodes a side and all around them: steps that stay above it are skipped.
+half a table node; the crossing is bisected to 1e-3 of a step. Peaks narrower than a step may be missed where a ray
+grazes them. Points are in single precision from where a ray enters the layer: heights are good to a metre. Two more
+maps hold the highest top in squares of :data:`SQUARES` nodes a side and around them: steps that stay above are skipped.
 
-**Gaps of thin cloud** are a second equal-area map of everything in sight, made once per camera position by the same
-arithmetic as :mod:`horizonval.earth.clouds.layers` and bilinear between its nodes: :data:`NODES_PER_SCALE` nodes per
-scale of the gaps, and at most :data:`MOST_NODES` along a side. From 500 km that resolves scales of 50 km and more;
-finer edges are blurred to a node, 2 km from 500 km and 4 km from 36 000.
-
-The map is read at the normal of the ellipsoid below a point. With refraction it is that of the straight ray among
-the apparent heights: gaps are displaced by up to 15 km along the ray, the same in all bands.
+**Gaps of thin cloud** are such a map, too (:mod:`horizonval.earth.clouds.layers`): :data:`NODES_PER_SCALE` nodes per
+scale of the gaps, at most :data:`MOST_NODES` along a side, which resolves scales of 50 km and more from 500 km. Finer
+edges are blurred to a node. With refraction the map is read below the straight ray among the apparent heights: gaps are
+displaced by up to 15 km along the ray, the same in all bands.
 """
 
 from __future__ import annotations

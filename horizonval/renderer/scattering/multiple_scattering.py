@@ -20,29 +20,24 @@ that every Lambert albedo A is served::
 (0.1 % of the diffuse light by day, 0.4 % with the Sun 6 deg below the horizon, at 450 nm and an albedo of 0.8.)
 Whatever spans decades in twilight is interpolated as ``ln I_00`` and ratios to it.
 
-**Accuracy** of the total radiance of molecules, as tested: 0.6 % against another code (1.2 % with ozone) and 1 % plus
-its noise against Monte Carlo, from a high Sun to one 18 deg below the horizon. With particles of asymmetry 0.7:
-haze 0.7 % by day, 1 % until the Sun is 2 deg and 5 % until it is 5 deg below the horizon, in the dark rays towards
-the Sun; a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). LOWTRAN7's background, the Sun 5 to 12 deg below the
-horizon: 2.4 % at worst, 0.6 % rms; after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the
-Sun, 2.3 % rms. On the ellipsoid, read at geodetic height, 0.5 % against Monte Carlo over WGS84, which is its noise.
+**Accuracy** of the total radiance of molecules: 0.6 % against another code (1.2 % with ozone) and 1 % plus its noise
+against Monte Carlo, from a high Sun to one 18 deg below the horizon. With particles of asymmetry 0.7: haze 0.7 % by
+day, 1 % until the Sun is 2 deg and 5 % until it is 5 deg below the horizon, in the dark rays towards the Sun; a dense
+layer with sharp edges 1.5 %. LOWTRAN7's background, the Sun 5 to 12 deg below the horizon: 2.4 % at worst, 0.6 % rms;
+after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the Sun, 2.3 % rms.
 
 Light scattered once or twice has high moments; later orders and light from the ground have those up to
 ``later_degree`` on half of the Sun's angles: a quarter of the time, 0.1 % by day and at most 1 % more in the dark rays
-of twilight.
-
-Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of the air; for a ground
-that varies the two parts stay separate (:mod:`horizonval.renderer.local_light`).
+of twilight. Neglected: polarisation (1 % at 90 deg from the Sun), refraction, horizontal change of the air.
 
 **One pass** for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the
 node with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the
 node's Sun angle remains to be interpolated. Columns differ in extinction and scattering alone, so that one
 march finds the places for all of them.
 
-**On disk** diffuse fields are solved once for every column of air and cached under a hash of everything the solution
-depends on: the planet's radius, the columns, the phase functions, the quality and the version of the method; not
-albedo, Sun, camera or scene. Files are written to a temporary name and moved into place, so that concurrent runs
-cannot harm each other; a damaged file is solved again.
+**On disk** a solution lies under a hash of everything it depends on: the planet's radius, the columns, the phase
+functions, the quality and the version of the method. Of processes that need the same one solves it, and the others
+wait; a damaged file is solved again.
 """
 
 from __future__ import annotations
