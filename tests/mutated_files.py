@@ -173,7 +173,12 @@ name = "small"
 seed = 1
 estimators = ["altitude-free"]
 frame_rate_hz = 2.0
-requirement = { error_deg = 0.05, availability = 0.9 }
+
+[[requirement]]
+id = "R1"
+error_deg = 0.05
+availability = 0.9
+
 [defaults]
 camera = { file = "camera.toml", mount_roll_deg = 60.0 }
 [design.choices]

@@ -351,7 +351,7 @@ def reproduce(
     notes = []
     for letter in chosen(list(systems)):
         try:
-            experiment(letter)(_Counting(out / WORK, seed, letter=letter, counted=counted))
+            experiment(letter).reproduce(_Counting(out / WORK, seed, letter=letter, counted=counted))
         except _NotYetError as stop:
             notes.append(f"{letter}: what follows {stop} depends on its results")
     yield DryRun(counted.what, counted.out, counted.total, counted.finished, None, tuple(notes))

@@ -165,7 +165,7 @@ def reproduce(
         return _quick(systems or [], out, workers, as_json)
     from horizonval.api.run import DryRun as Counted
     from horizonval.api.run import reproduce as reproduced
-    from horizonval.systems.pages import printed_rows
+    from horizonval.systems.page import printed_rows
 
     done = {}
     with interruptible():

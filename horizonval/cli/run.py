@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -103,7 +104,7 @@ def run(
         print_summary(result.summary)
         if result.summary.get("stability"):
             _print_study(result.summary["stability"])
-        print(f"report: {result.report}")
+        print("\n".join([*_requirement_lines(out), f"report: {result.report}"]))
     if result.failed:
         print(f"horizonval: {len(result.failed)} failed: {', '.join(result.failed)}", file=sys.stderr)
     # A run without its summary has failed, whatever stopped it.
@@ -124,6 +125,14 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
         page = write_page(run_folder)
         amend_manifest(run_folder, [page])
         print(f"designs: {page}")
+
+
+def _requirement_lines(folder: Path) -> list[str]:
+    from horizonval.scoring.requirements import FILES, lines_of
+    from horizonval.store.folder import read_json
+
+    found = read_json(folder / FILES[0])
+    return lines_of(found) if found else []
 
 
 def _print_study(digest: dict[str, Any]) -> None:
@@ -225,7 +234,8 @@ def study(
         from horizonval.studies.trade.formatting import design_lines
 
         query = (done.costs if done.result["prices"] is None else done.result)["query"]
-        print("\n".join([*design_lines(done.result, done.costs), *_answer_lines(query), f"report: {done.page}"]))
+        answers = [*_requirement_lines(out), *_answer_lines(query)]
+        print("\n".join([*design_lines(done.result, done.costs), *answers, f"report: {done.page}"]))
     if done.failed:
         print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
     return 1 if done.failed else 0
@@ -256,16 +266,19 @@ def _ask_study(
     from horizonval.studies.trade.run import ask, conclude_again, open_study
 
     data = open_study(folder)
-    requirement = data.plan.requirement
-    if error_deg is not None:
-        requirement = with_option(requirement, "error_deg", error_deg, "--error-deg")
-    if availability is not None:
-        requirement = with_option(requirement, "availability", availability, "--availability")
+    requirements, limit = data.plan.requirements, data.plan.limit
+    if error_deg is not None or availability is not None:
+        limit = limit.model_copy(update={"n_sigma": None, "quantile": None, "availability": limit.share})
+        if error_deg is not None:
+            limit = with_option(limit, "error_deg", error_deg, "--error-deg")
+        if availability is not None:
+            limit = with_option(limit, "availability", availability, "--availability")
+        requirements = (limit,)
     if compare is not None:
-        comparison = data.compare(*compare, requirement.error_deg)
+        comparison = data.compare(*compare, limit.error_deg or math.inf)
         print_result(comparison, as_json, comparison_lines(comparison))
         return 0
-    answer = ask(data, conclude_again(folder), requirement, cheapest_by)
+    answer = ask(data, conclude_again(folder), requirements, cheapest_by)
     print_result(answer, as_json, _answer_lines(answer))
     return 0
 

@@ -36,11 +36,13 @@ from horizonval.report.words import (
     unit_of,
     verdict_of,
 )
+from horizonval.scoring import requirements
 from horizonval.scoring.bound import known_bound
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
 from horizonval.spec.prior import PriorSpec
+from horizonval.store.folder import read_json
 from horizonval.store.verify import amend_manifest
 
 STRIP_RATIO = 20
@@ -78,6 +80,7 @@ def write_report(run_dir: Path) -> list[Path]:
             title=f"{run.suite}: horizonval report",
             heading=run.title or run.suite,
             stability=infrared.section_of_year(run_dir),
+            requirements=read_json(run_dir / requirements.FILES[0]),
             campaign={"page": campaign.PAGE, "text": campaign.headline(run)} if has_campaign else None,
             **common,
             **page_of(run, summary),

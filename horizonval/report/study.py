@@ -24,9 +24,11 @@ from horizonval.report.load import load_run
 from horizonval.report.plots import COLOURS, GREY, INK, LIMIT, MARKERS, SMALL, Draw, plain_ticks
 from horizonval.report.viewer import MOST_BESIDE, striking_frames
 from horizonval.report.words import count, interval, key_words, number, share
+from horizonval.scoring.requirements import FILES
 from horizonval.store.folder import read_json
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
+REQUIREMENTS = FILES[0]
 VERDICTS = {"meets": "● meets", "open": "○ too few frames to say", "fails": "✕ fails"}
 MOST_LEVELS = 7
 """Maximum number of levels with separate markers."""
@@ -65,6 +67,7 @@ def write_page(run_dir: Path) -> Path:
         links=[("frames and estimators", "index.html")],
         again=shlex.join(run.get("command") or ()),
         filters={"measure": _measure, "share": share, "term": term_words},
+        requirements=read_json(run_dir / REQUIREMENTS),
         **page_of(result, costs),
         **seen,
     )
@@ -85,7 +88,6 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
     """Return the template's content in addition to the study's numbers."""
     head, designs = result["study"], result["designs"]
     words = axis_words(result["axes"])
-    required = head["requirement"]
     clustered = result["clusters"] < result["conditions"]
     settings = {
         d["name"]: ", ".join(
@@ -104,8 +106,8 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
         "head": head,
         "headline": f"{count(len(designs), 'design')} under the same {count(result['conditions'], 'condition')}"
         + (f" from {count(result['clusters'], 'flight')}" if clustered else ""),
-        "required": f"{required['error_deg']:g} deg in {100 * required['availability']:g} % of all conditions",
-        "error_deg": f"{required['error_deg']:g}",
+        "required": result["required"],
+        "error_deg": f"{result['limit']['error_deg']:g}",
         "answers": list(dict.fromkeys(answers)),
         "settings": {name: found or name for name, found in settings.items()},
         "numbers": {d["name"]: d["number"] for d in designs},
@@ -129,7 +131,7 @@ def axis_words(axes: Sequence[str]) -> dict[str, str]:
 
 def _figures(result: JsonObject, costs: JsonObject, words: Mapping[str, str]) -> list[dict[str, Any]]:
     designs, head, effects = result["designs"], result["study"], result["effects"]
-    limit, availability = head["requirement"]["error_deg"], head["requirement"]["availability"]
+    limit, availability = result["limit"]["error_deg"], result["limit"]["availability"]
     groups = _groups(result, words)
     few = len(designs) <= MOST_WORDY
     text = "Numbers are those of the designs in the tables below; bars hold 95 %."
@@ -279,7 +281,7 @@ def pareto(
     return draw
 
 
-def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: float) -> Draw:
+def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: float | None) -> Draw:
     """Errors of claims, and shares of frames, one line a design."""
 
     def draw(figure: Figure) -> None:
@@ -293,7 +295,8 @@ def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: flo
         left.set_xlabel("error of claims [deg]")
         for k, (key, word, marker) in enumerate(SHARES):
             _dots(right, lines, [d[key] for d in designs], "rate", k, marker, word)
-        right.axvline(availability, **LIMIT)
+        if availability is not None:
+            right.axvline(availability, **LIMIT)
         right.set(xlabel="share of all frames", xlim=(-0.02, 1.02))
         left.set(yticks=lines, yticklabels=[f"{d['number']}  n = {d['n']}" for d in designs])
         left.set_ylim(len(designs) - 0.5, -0.5)

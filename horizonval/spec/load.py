@@ -26,6 +26,7 @@ from horizonval.spec.explain import explain, show, with_option
 from horizonval.spec.files import Kind, find
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.prior import PriorFile, PriorSpec, is_climate_file
+from horizonval.spec.requirement import Requirement
 from horizonval.spec.scene import SceneSpec, SpacecraftPart
 from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, RegressionSpec, StabilitySpec, SuiteSpec
 
@@ -99,6 +100,7 @@ class Suite:
     seed: int = 0
     options: tuple[str, ...] = ()
     dataset: DatasetSpec | None = None
+    requirements: tuple[Requirement, ...] = ()
 
     @property
     def estimators_key(self) -> str:
@@ -231,6 +233,7 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
         draws=head.draws,
         seed=head.seed,
         dataset=spec.dataset,
+        requirements=tuple(spec.requirement),
     )
 
 

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from horizonval.core.errors import excerpt
 from horizonval.spec.base import Model, Name, PlainName, Positive, Whole, unit
+from horizonval.spec.requirement import Requirement
 
 Lane = Literal["replay", "rerender", "fresh"]
 Metric = Literal[
@@ -384,6 +385,8 @@ class SuiteSpec(Model):
     """Tables that make many frames each."""
     estimator: list[ProgramSpec] = []
     """Programs, in addition to the estimators that are known by name."""
+    requirement: list[Requirement] = []
+    """What each method must reach with each camera; the report says which are met."""
     figure: list[FigureSpec] = []
     """Figures on a page of their own."""
     stability: StabilitySpec | None = None
@@ -408,6 +411,7 @@ class SuiteSpec(Model):
         for kind, names in (
             ("cases", [table.name for table in self.cases]),
             ("estimator", [program.name for program in self.estimator]),
+            ("requirement", [one.id for one in self.requirement]),
         ):
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise ValueError(f"two tables [[{kind}]] are named {twice[0]!r}")
@@ -434,18 +438,6 @@ LIST_AXIS = "design"
 """The axis of ``design.list``; its values are the entries' names."""
 
 
-class Requirement(Model):
-    """The nadir within `error_deg` in at least the share `availability` of all conditions.
-
-    A refusal is a miss like an error that is too large: one share answers for accuracy and availability together.
-    """
-
-    error_deg: Positive = 0.05
-    """Largest angle between claimed and true nadir."""
-    availability: Annotated[float, Field(gt=0, lt=1), unit("1")] = 0.99
-    """Share of all conditions in which it is kept."""
-
-
 class StudyHead(Model):
     """What the study is."""
 
@@ -466,8 +458,6 @@ class StudyHead(Model):
     of `designs.csv` (`pixel_rate`, `pixels`, `p95_deg`, `within`), `processor_s` (seconds of an estimate) and the
     numbers that `cost` tables give; with them go `+ - * / **`, parentheses, `min`, `max`, `abs` and `sqrt`.
     """
-    requirement: Requirement = Requirement()
-    """What a design must reach."""
     keep: Keep = "none"
     """Which frames and images stay in the archive; see a suite's `keep`."""
     time_limit_s: Positive = 60.0
@@ -574,3 +564,16 @@ class StudySpec(Model):
     """The conditions that every design meets."""
     estimator: list[ProgramSpec] = []
     """Programs as estimators."""
+    requirement: Annotated[list[Requirement], Field(min_length=1)] = [
+        Requirement(id="default", error_deg=0.05, availability=0.99)
+    ]
+    """What a design must reach. Errors of the first one with `error_deg` are the limit of the page's tables."""
+
+    @model_validator(mode="after")
+    def _a_limit_of_the_error(self) -> StudySpec:
+        ids = [one.id for one in self.requirement]
+        if twice := sorted({name for name in ids if ids.count(name) > 1}):
+            raise ValueError(f"two tables [[requirement]] have the id {twice[0]!r}")
+        if all(one.error_deg is None for one in self.requirement):
+            raise ValueError("one [[requirement]] needs error_deg; the page counts the answers within it")
+        return self

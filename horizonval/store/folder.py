@@ -8,7 +8,9 @@
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
     stability/         the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
-    timings*.json      seconds; with the manifest the only files that two equal runs do not share
+    requirements.*     verdicts on the suite's or study's requirements, where it has some
+    timings*.json      seconds; with the manifest, and with requirements on latency, the only files that two equal runs
+                       do not share
     manifest.json      digest of every file, written last
 
 Every JSON file and the table hold a seal (:mod:`horizonval.core.sealed`), which is checked where they are read.
@@ -31,7 +33,8 @@ LARGEST_RECORD = 1024**3
 LOCK = ".lock"
 OWN = (
     "run.json", "summary.json", "results.parquet", "timings.json", "manifest.json", "cases", "state", "stability",
-    "report", "study.json", "study-plan.json", "study-costs.json", "designs.csv",
+    "report", "study.json", "study-plan.json", "study-costs.json", "designs.csv", "requirements.json",
+    "requirements.md", "requirements.xml",
 )  # fmt: skip
 """What a run or a study writes into its folder and may replace there; the archive replaces nothing."""
 

@@ -5,11 +5,15 @@ The same command resumes an interrupted run: finished cases stay, and the result
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
@@ -17,6 +21,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import Done, OnStart, Record, stream, take_over
 from horizonval.jobs.pool import Execution
+from horizonval.scoring import requirements
 from horizonval.scoring.row import Row
 from horizonval.spec.load import Suite
 from horizonval.store.entry import INDEX_PREFIX
@@ -29,6 +34,7 @@ from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.record import command_of_suite, figure_plans
 from horizonval.suites.stability import run_stability
 from horizonval.suites.suite import load_suite
+from horizonval.suites.units.scored import PROCESSOR
 from horizonval.suites.units.work import Brief, UnitWork
 from horizonval.suites.worker_memory import within_memory
 
@@ -265,6 +271,7 @@ def _conclude(
     rows = [row for brief in ordered.values() for row in brief.rows]
     Index(folder.archive).update()
     stability, months = study
+    judged = _judge(suite, rows, folder, seconds) if suite.requirements else []
     summary, pages = conclude(folder, suite.name, rows, failed, {"stability": stability} if months else {})
     failed |= {f"stability/{month}": one.error for month, one in months.items() if one.error is not None}
     seconds = {**seconds, **{f"stability/{month}": one.seconds for month, one in months.items() if one.seconds}}
@@ -273,9 +280,31 @@ def _conclude(
     made = [folder.stability_case(month) for month in months] + (
         [folder.stability / "result.json"] if stability else []
     )
-    made += list(also() if also else ())
+    made += [*judged, *(also() if also else ())]
     write_manifest(folder.root, [*files_of_run(folder), *records, *made, *pages])
     return RunResult(summary, failed, pages[0])
+
+
+def _judge(
+    suite: Suite, rows: Sequence[Row], folder: RunFolder, seconds: Mapping[str, Mapping[str, float]]
+) -> list[Path]:
+    """Judge the suite's requirements by camera and method, and write the verdicts; return the files."""
+    timings = {**(intact_json(folder.timings) or {}).get("cases", {}), **seconds}
+    flights = {case.name: f"{case.table}/{case.variant}" for case in suite.cases if case.sample}
+    # A single flight gives no variation between flights: results hold for it alone.
+    flights = flights if len(set(flights.values())) > 1 else {}
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(f"{row.camera}, {row.estimator}", []).append(row)
+    answers = {}
+    for name in sorted(groups):
+        own = groups[name]
+        bands = Counter(row.case for row in own)
+        stages = [timings.get(row.case, {}).get(PROCESSOR + row.estimator, math.nan) for row in own]
+        _, cluster = np.unique([flights.get(row.case, row.case) for row in own], return_inverse=True)
+        spent = np.array(stages, dtype=np.float64) / [bands[row.case] for row in own]
+        answers[name] = requirements.Answers(cluster=cluster, seconds=spent, **requirements.columns_of(own))
+    return requirements.write(folder.root, suite.name, requirements.judged(suite.requirements, answers))
 
 
 def _add_timings(

@@ -7,8 +7,7 @@ in the systems' folders.
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ import jinja2
 from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.report.plots import png
-from horizonval.store.folder import read_json, write_json
-from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Status, Table
+from horizonval.store.folder import write_json
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
 
 
 def page(result: Reproduction, seed: int) -> str:
@@ -35,19 +34,6 @@ def page(result: Reproduction, seed: int) -> str:
     ]
     template = _environment().get_template(result.template)
     return template.render(result=result, rows=rows, claims=claims, seed=seed, **result.summary)
-
-
-def first_page(contents: Sequence[dict[str, Any]]) -> str:
-    """Return the page over all systems, from the contents of their JSON files."""
-    systems = []
-    for content in contents:
-        barred = [row for row in content["rows"] if row["holds"] is not None]
-        missed = [row for row in barred if not row["holds"]]
-        counts = {"rows": len(content["rows"]), "bars": len(barred), "met": len(barred) - len(missed)}
-        judged = Counter(claim["status"] for claim in content.get("claims", ()))
-        verdicts = ", ".join(f"{judged[status]} {status}" for status in Status if judged[status])
-        systems.append({**content, **counts, "missed": missed, "verdicts": verdicts})
-    return _environment().get_template("page/first_page.md.jinja").render(systems=systems)
 
 
 def number(cell: Cell) -> str:
@@ -163,28 +149,3 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
     atomic.write_text(folder / f"{letter}.md", page(result, seed))
     write_json(folder / f"{letter}.json", content, bound=False)
     return content
-
-
-def write_first_page(folder: Path) -> Path:
-    """Write ``README.md`` of all systems whose JSON file lies in the folder; return its path."""
-    contents = [
-        content for path in sorted(folder.glob("[A-G].json")) if (content := read_json(path, bound=False)) is not None
-    ]
-    path = folder / "README.md"
-    atomic.write_text(path, first_page(contents))
-    return path
-
-
-def printed_rows(content: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines of a system's table for a terminal; a name that is too long has a line of its own."""
-    yield f"{content['system']}: {content['title']}"
-    width = min(72, max((len(row["name"]) for row in content["rows"]), default=0))
-    yield f"  {'':{width}}  {'published':>12}  {'measured':>12}"
-    for row in content["rows"]:
-        verdict = {None: "", True: "ok", False: "MISSED"}[row["holds"]]
-        published, measured = as_printed(row["published"]), number(row["measured"])
-        name = row["name"]
-        if len(name) > width:
-            yield f"  {name}"
-            name = ""
-        yield f"  {name:{width}}  {published:>12}  {measured:>12}  {row['unit']:8} {verdict}".rstrip()

@@ -1,31 +1,24 @@
-"""Key figures of the published systems, computed by their experiments' own code at reduced size.
+"""Key figures of the published systems: the function ``quick`` of each experiment, compared with the committed figures.
 
-A whole reproduction takes hours, most of them for rendering; this takes about a minute::
-
-    A  the published set-ups (bare spheres)
-    B  the bench with every imperfection switched off
-    C  the random and the known poses
-    D  tables 1 to 5 through the hard limb (lines of 160 pixels)
-    E  the rounding table
-    F  all rows, of a few places
-    G  all rows, of a few places, at the mission's two altitudes
-
-Nothing in it is random but for fixed seeds. A figure is the committed one of ``quick.json``, or something has changed:
-the only allowance is for the last digits of floating point, which depend on the machine.
+A whole reproduction takes long, most of it for rendering; this takes about a minute. Nothing in it is random but for
+fixed seeds. A figure is the committed one of ``quick.json``, or something has changed: the only allowance is for the
+last digits of floating point, which depend on the machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json, write_json
-from horizonval.systems.result import ComparisonRow, Reproduction
+from horizonval.systems.entries import Row, system
+from horizonval.systems.result import ComparisonRow
 from horizonval.systems.task_cache import TaskCache
 
 SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
@@ -40,12 +33,9 @@ def chosen(names: list[str]) -> list[str]:
     return [letter for letter in SYSTEMS if letter in wanted or "ALL" in wanted]
 
 
-def experiment(letter: str) -> Callable[[TaskCache], Reproduction]:
-    """Return the function that does a system's experiment again."""
-    function: Callable[[TaskCache], Reproduction] = import_module(
-        f"{__package__}.{letter.lower()}.experiment"
-    ).reproduce
-    return function
+def experiment(letter: str) -> ModuleType:
+    """Return the module of a system's experiment, with its functions ``reproduce`` and ``quick``."""
+    return import_module(f"{__package__}.{letter.lower()}.experiment")
 
 
 FILE = "quick.json"
@@ -79,15 +69,25 @@ def quick_figures(cache: TaskCache, pages: Path, systems: Sequence[str] = SYSTEM
 def measured_rows(cache: TaskCache, systems: Sequence[str] = SYSTEMS) -> list[JsonObject]:
     """Return the key figures as plain data, without the committed ones."""
     return [
-        {"system": system, "name": row.name, "unit": row.unit, "measured": float(row.measured)}
-        for system in systems
-        for row in ROWS[system](cache)
+        {"system": letter, "name": row.name, "unit": row.unit, "measured": float(row.measured)}
+        for letter in systems
+        for row in quick_rows(letter, cache)
+        if row.measured is not None
     ]
 
 
-def write_quick(cache: TaskCache, pages: Path) -> None:
-    """Write the key figures of all systems, to be committed."""
-    write_json(pages / FILE, {"schema": 1, "seed": cache.seed, "rows": measured_rows(cache)}, bound=False)
+def quick_rows(letter: str, cache: TaskCache) -> Iterable[Row | ComparisonRow]:
+    """Return the rows of a system's key figures."""
+    if letter in ROWS:
+        return ROWS[letter](cache)
+    return system(letter).rows(experiment(letter).quick(cache))
+
+
+def write_quick(letter: str, cache: TaskCache, pages: Path) -> None:
+    """Write the key figures of one system among the others, to be committed."""
+    rows = [row for row in (read_json(pages / FILE, bound=False) or {"rows": []})["rows"] if row["system"] != letter]
+    rows = sorted([*rows, *measured_rows(cache, [letter])], key=lambda row: str(row["system"]))
+    write_json(pages / FILE, {"schema": 1, "seed": cache.seed, "rows": rows}, bound=False)
 
 
 def is_same(measured: float, accepted: float | None) -> bool:
@@ -115,15 +115,6 @@ def _poses(cache: TaskCache) -> Sequence[ComparisonRow]:
     return measured_pose_rows(cache)
 
 
-def _tables(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.d.experiment import read_tables
-    from horizonval.systems.d.frames import HARD
-    from horizonval.systems.d.rows import cause_rows, moment_rows
-
-    hard = read_tables(cache, "D: hard limb", HARD, {})
-    return [*moment_rows(hard), *cause_rows(hard)]
-
-
 def _rounding(cache: TaskCache) -> Sequence[ComparisonRow]:
     from horizonval.systems.e.experiment import rounding_rows
 
@@ -146,6 +137,6 @@ def _limbs(cache: TaskCache) -> Sequence[ComparisonRow]:
 
 
 ROWS: dict[str, Callable[[TaskCache], Sequence[ComparisonRow]]] = dict(
-    zip(SYSTEMS, (_set_ups, _perfect_bench, _poses, _tables, _rounding, _scans, _limbs), strict=True)
+    zip("ABCEFG", (_set_ups, _perfect_bench, _poses, _rounding, _scans, _limbs), strict=True)
 )
-"""Functions that compute the systems' key figures, by letter."""
+"""Functions that compute key figures of systems whose experiment has no function ``quick``, by letter."""

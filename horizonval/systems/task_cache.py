@@ -82,7 +82,7 @@ class TaskWork(Recorded[NamedItem]):
 
     def identity(self, item: NamedItem) -> str:
         """Return the digest of the function, the item and the code."""
-        code = code_digest(self.function.__module__)
+        code = code_digest(self.function.__module__, "horizonval.api")
         content = json.dumps([self.function.__module__, self.function.__qualname__, item.item, code], sort_keys=True)
         return hashlib.sha256(content.encode()).hexdigest()
 

@@ -33,7 +33,10 @@ name = "mine"
 keep = "all"
 seed = 3
 estimators = ["altitude-free", "ideal", "my-program"]
-requirement = { error_deg = 0.5, availability = 0.9 }
+[[requirement]]
+id = "R1"
+error_deg = 0.5
+availability = 0.9
 [[estimator]]
 name = "my-program"
 command = "sh ./refuse.sh"

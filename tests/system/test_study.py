@@ -24,7 +24,13 @@ STUDY = """
 name = "tiny"
 seed = 3
 estimators = ["altitude-free", "ideal"]
-requirement = { error_deg = 0.5, availability = 0.9 }
+[[requirement]]
+id = "R1"
+error_deg = 0.5
+availability = 0.9
+[[requirement]]
+id = "R2"
+latency_s = 60.0
 [defaults]
 camera = { file = "camera.toml", mount_roll_deg = 65.0 }
 platform.altitude_km = 500.0

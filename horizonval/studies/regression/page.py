@@ -13,13 +13,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from horizonval.core import junit
+from horizonval.core.junit import TestCase
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.report import page, plots, viewer
@@ -283,45 +284,30 @@ def published_sentence(one: Mapping[str, Any]) -> str:
 
 
 def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
-    suites = ElementTree.Element("testsuites")
+    """Write a night's verdicts as JUnit XML; what is incomplete is an error."""
     name = f"horizonval.regress.{verdict['suite']}"
-    suite = ElementTree.SubElement(suites, "testsuite", name=name)
-    properties = ElementTree.SubElement(suite, "properties")
-    for key, value in (
-        ("night", verdict["night"]),
-        ("verdict", verdict["verdict"]),
-        ("version", verdict["environment"]["version"]),
-        ("commit", verdict["environment"]["commit"] or ""),
-    ):
-        ElementTree.SubElement(properties, "property", name=key, value=str(value))
+    environment = verdict["environment"]
+    properties = {
+        "night": verdict["night"],
+        "verdict": verdict["verdict"],
+        "version": environment["version"],
+        "commit": environment["commit"] or "",
+    }
+    cases = []
     for first, one, deciding in by_subject(verdict["gates"]):
         title = f"{first['lane']}: {subject(first)}"
-        _case(suite, f"{name}.{first['against']}", title, one, subject_sentence(first, deciding))
+        cases.append(_case(f"{name}.{first['against']}", title, one, subject_sentence(first, deciding)))
     for one in verdict["published"]:
         title = f"{one['system']}: {one['name']}"
-        _case(suite, f"{name}.published", title, one["verdict"], published_sentence(one))
-    case = ElementTree.SubElement(suite, "testcase", classname=name, name="complete")
-    if verdict["problems"]:
-        text = "; ".join(verdict["problems"])
-        ElementTree.SubElement(case, "error", message=_clean(text[:500]), type="incomplete").text = _clean(text)
-    cases = suite.findall("testcase")
-    for key, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-        suite.set(key, str(sum(one.find(tag) is not None for one in cases)))
-    suite.set("tests", str(len(cases)))
-    ElementTree.indent(suites)
-    ElementTree.ElementTree(suites).write(path, encoding="utf-8", xml_declaration=True)
+        cases.append(_case(f"{name}.published", title, one["verdict"], published_sentence(one)))
+    problems = "; ".join(verdict["problems"])
+    outcome: Literal["pass", "error"] = "error" if problems else "pass"
+    cases.append(TestCase(name, "complete", outcome, "incomplete" if problems else "complete", problems))
+    junit.write(path, name, properties, cases)
 
 
-def _case(suite: ElementTree.Element, group: str, name: str, verdict: str, text: str) -> None:
-    case = ElementTree.SubElement(suite, "testcase", classname=group, name=name)
-    text = _clean(text)
-    if verdict == Verdict.FAIL:
-        ElementTree.SubElement(case, "failure", message=text, type=verdict).text = text
-    elif verdict == Verdict.INCONCLUSIVE:
-        ElementTree.SubElement(case, "skipped", message=f"INCONCLUSIVE: {text}")
-    ElementTree.SubElement(case, "system-out").text = f"{verdict}: {text}"
-
-
-def _clean(text: str) -> str:
-    """Return text without characters that XML forbids."""
-    return "".join(c for c in text if c in "\t\n\r" or 0x20 <= ord(c) < 0xFFFE)
+def _case(group: str, name: str, verdict: str, text: str) -> TestCase:
+    outcomes: dict[str, Literal["failure", "skipped"]] = {
+        Verdict.FAIL: "failure", Verdict.INCONCLUSIVE: "skipped",
+    }  # fmt: skip
+    return TestCase(group, name, outcomes.get(verdict, "pass"), verdict, text)

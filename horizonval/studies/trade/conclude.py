@@ -2,9 +2,9 @@
 
 The first two have the same bytes for the same study, version and frames; processor times are in the third.
 
-A design *meets* the requirement if the one-sided 95 % lower bound of its share of frames within the error exceeds the
-availability, *fails* if the upper bound is below it, and is *open* in between. Without a miss, n independent frames
-show an availability A only if A^n <= 5 %: 99 % takes 299. Bounds are not adjusted for the number of designs.
+A design *meets* what is required if it meets every requirement (:mod:`horizonval.scoring.requirements`), *fails* if
+it fails one, and is *open* otherwise. Without a miss, n independent frames show an availability A only if A^n <= 5 %:
+99 % takes 299. Bounds are not adjusted for the number of designs.
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.scoring import requirements as requirement_files
+from horizonval.scoring.requirements import frames_needed, judge, judged, worst
 from horizonval.scoring.row import Row, read_results
-from horizonval.spec.suite import Requirement
+from horizonval.spec.requirement import Requirement
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.trade import cost
 from horizonval.studies.trade.cost import MEASURES, SHARES, Expression, is_tie
-from horizonval.studies.trade.design import PLAN_FILE, Design, StudyPlan
+from horizonval.studies.trade.design import PLAN_FILE, Design, StudyPlan, limit_of
 from horizonval.studies.trade.effects import compare, effects_of, front
 from horizonval.studies.trade.sample import (
-    CONFIDENCE,
     Sample,
     cluster_draws,
     measures_of,
@@ -41,44 +42,33 @@ from horizonval.studies.trade.sample import (
     words_of,
 )
 
-Verdict = Literal["meets", "fails", "open"]
-
-
-def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
-    """Return the verdict on a share of frames within the error for a required availability."""
-    if not within["of"]:
-        return "open"
-    if within["lower"] >= availability:
-        return "meets"
-    return "fails" if within["upper"] < availability else "open"
-
-
-def frames_needed(availability: float) -> int:
-    """Return the number of independent frames without a miss that shows an availability."""
-    return math.ceil(math.log(1.0 - CONFIDENCE) / math.log(availability) - 1e-9)
-
 
 def cheapest(
-    designs: Sequence[Mapping[str, Any]], requirement: Requirement, by: str, prices: Mapping[str, JsonObject]
+    designs: Sequence[Mapping[str, Any]],
+    requirements: Sequence[Requirement],
+    by: str,
+    prices: Mapping[str, JsonObject],
 ) -> JsonObject:
-    """Return the cheapest design that meets the requirement, and the designs that come close.
+    """Return the cheapest design that meets all requirements, and the designs that come close.
 
-    ``designs``: ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
-    ``by``: expression of the price. ``prices``: by name (:func:`horizonval.studies.trade.cost.price_of`); designs
-    without a price come last.
+    ``designs``: ``name``, ``judged`` (:func:`horizonval.scoring.requirements.judge` of every requirement) and
+    ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each. ``by``: expression of the price. ``prices``:
+    by name (:func:`horizonval.studies.trade.cost.price_of`); designs without a price come last.
 
     Returns
     -------
     dict
         ``meets``, ``open``, ``fails``: names, cheapest first. ``cheapest``: the first that meets, or None; ``tied``:
-        all that meet at an indistinguishable cost. ``candidate``: the cheapest open one whose measured share reaches
-        the availability, or None; ``tied_candidates``. ``closest``: the one with the largest share, the first of
-        ``tied_closest``. ``needed``: frames without a miss that would show it. ``misses``: by name. ``text``: in words.
+        all that meet at an indistinguishable cost. ``candidate``: the cheapest open one whose measured shares reach
+        what is required, or None; ``tied_candidates``. ``closest``: the one whose smallest share less what is required
+        is largest, the first of ``tied_closest``. ``needed``: frames without a miss that would show all requirements.
+        ``misses``: by name. ``text``: in words.
     """
+    weakest = {design["name"]: _weakest(design["judged"], requirements) for design in designs}
 
     def place(design: Mapping[str, Any]) -> tuple[float, float, str]:
         value = prices[design["name"]]["value"]
-        return (math.inf if value is None else value, -(design["within"]["rate"] or 0.0), design["name"])
+        return (math.inf if value is None else value, -weakest[design["name"]].margin, design["name"])
 
     def tied_with_first(names: Sequence[str]) -> list[str]:
         return [name for name in names if is_tie(prices[names[0]], prices[name])]
@@ -86,17 +76,14 @@ def cheapest(
     ordered = sorted(designs, key=place)
     by_verdict: dict[str, list[str]] = {"meets": [], "open": [], "fails": []}
     for design in ordered:
-        by_verdict[verdict_of(design["within"], requirement.availability)].append(design["name"])
-    by_name = {design["name"]: design for design in ordered}
-    candidates = [
-        name for name in by_verdict["open"] if (by_name[name]["within"]["rate"] or 0.0) >= requirement.availability
-    ]
-    best = max((design["within"]["rate"] or 0.0 for design in designs), default=0.0)
-    closest = [design["name"] for design in designs if (design["within"]["rate"] or 0.0) == best]
+        by_verdict[worst([one["verdict"] for one in design["judged"]])].append(design["name"])
+    candidates = [name for name in by_verdict["open"] if weakest[name].margin >= 0.0]
+    best = max((one.margin for one in weakest.values()), default=0.0)
+    closest = [name for name, one in weakest.items() if one.margin == best]
+    needed = [frames_needed(one.share, one.confidence) or 0 for one in requirements]
     answer: JsonObject = {
         **by_verdict,
-        "error_deg": requirement.error_deg,
-        "availability": requirement.availability,
+        "required": required_words(requirements),
         "by": by,
         "cheapest": by_verdict["meets"][0] if by_verdict["meets"] else None,
         "tied": tied_with_first(by_verdict["meets"]),
@@ -104,48 +91,78 @@ def cheapest(
         "tied_candidates": tied_with_first(candidates),
         "closest": closest[0] if closest else None,
         "tied_closest": closest,
-        "needed": frames_needed(requirement.availability),
+        "needed": max(needed),
         "misses": {design["name"]: design["misses"] for design in designs},
     }
-    return answer | {"text": _text(answer, by_name, prices)}
+    return answer | {"text": _text(answer, weakest, prices)}
+
+
+def required_words(requirements: Sequence[Requirement]) -> str:
+    """Return requirements as a phrase: the only one in words, or their number."""
+    return requirements[0].in_words if len(requirements) == 1 else f"all {len(requirements)} requirements"
+
+
+@dataclass(frozen=True)
+class _Weakest:
+    """The share of a design that is least above what is required, by ``margin``; ``words`` say what it counts."""
+
+    margin: float
+    words: str
+    found: JsonObject
+
+
+def _weakest(judged: Sequence[JsonObject], requirements: Sequence[Requirement]) -> _Weakest:
+    several = len(requirements) > 1
+    shares = [
+        _Weakest(
+            (one["rate"] or 0.0) - required.share,
+            f"{required.counted}{f' ({required.id})' if several else ''}",
+            one,
+        )
+        for required, found in zip(requirements, judged, strict=True)
+        for one in found["evidence"]
+    ]
+    return min(shares, key=lambda share: share.margin)
 
 
 BY_WORDS = {"pixel_rate": "pixel rate", "processor_s": "processor time"}
 MOST_NAMED = 6
 
 
-def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]], prices: Mapping[str, JsonObject]) -> str:
-    requirement = f"{answer['error_deg']:g} deg in {100 * answer['availability']:g} % of all conditions"
+def _text(answer: JsonObject, weakest: Mapping[str, _Weakest], prices: Mapping[str, JsonObject]) -> str:
+    required = answer["required"]
     by = BY_WORDS.get(answer["by"], answer["by"])
 
     def share(name: str) -> str:
-        within = by_name[name]["within"]
+        found = weakest[name].found
+        if not found["of"]:
+            return f"no {weakest[name].words}"
         return (
-            f"{within['n']} of {within['of']} frames within {answer['error_deg']:g} deg, "
-            f"95 % interval {100 * within['interval'][0]:.1f} to {100 * within['interval'][1]:.1f} %"
+            f"{found['n']} of {found['of']} {weakest[name].words}, "
+            f"95 % interval {100 * found['interval'][0]:.1f} to {100 * found['interval'][1]:.1f} %"
         )
 
     def named(names: Sequence[str]) -> str:
         if not names[1:]:
             return f"{names[0]} ({share(names[0])})"
-        shares = [by_name[name]["within"] for name in names[:MOST_NAMED]]
+        shares = [weakest[name].found for name in names[:MOST_NAMED]]
         words = [f"{name} ({found['n']} of {found['of']})" for name, found in zip(names, shares, strict=False)]
         if len(names) > MOST_NAMED:
             words.append(f"{len(names) - MOST_NAMED} more")
         return f"{', '.join(words)}: {len(names)} designs {_tie([prices[name] for name in names])}"
 
-    if not by_name:
+    if not weakest:
         return "no design has a result"
     if answer["cheapest"] is not None:
         verb = "meet" if answer["tied"][1:] else "meets"
-        parts = [f"cheapest by {by} that {verb} {requirement}: {named(answer['tied'])}"]
+        parts = [f"cheapest by {by} that {verb} {required}: {named(answer['tied'])}"]
         if answer["candidate"] is not None and _is_cheaper(answer, prices):
             parts.append(f"cheaper ones may meet it, too few frames to say: {', '.join(answer['tied_candidates'])}")
         return "; ".join(parts)
     if answer["candidate"] is not None:
-        worth = by_name[answer["candidate"]]["within"]["effective"]
+        worth = weakest[answer["candidate"]].found["effective"]
         return (
-            f"none is shown to meet {requirement}: the sample is too small to say. Cheapest by {by} that may: "
+            f"none is shown to meet {required}: the sample is too small to say. Cheapest by {by} that may: "
             f"{named(answer['tied_candidates'])}; {'its' if not answer['tied_candidates'][1:] else 'their'} sample is "
             f"worth {worth:.0f} independent frames, {answer['needed']} without a miss would show it"
         )
@@ -153,13 +170,13 @@ def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]], prices: 
     others = answer["tied_closest"][1:]
     alike = f"; as close: {', '.join(others[:MOST_NAMED])}" if others else ""
     more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
-    missed = f"Closest: {closest} ({share(closest)}), missed by {words_of(by_name[closest]['misses'])}{alike}{more}"
+    missed = f"Closest: {closest} ({share(closest)}), missed by {words_of(answer['misses'][closest])}{alike}{more}"
     if answer["open"]:
         return (
-            f"none is shown to meet {requirement}, and none reached it here; not excluded: {len(answer['open'])} of "
-            f"{len(by_name)} designs. {missed}"
+            f"none is shown to meet {required}, and none reached it here; not excluded: {len(answer['open'])} of "
+            f"{len(weakest)} designs. {missed}"
         )
-    return f"none meets {requirement}. {missed}"
+    return f"none meets {required}. {missed}"
 
 
 def _tie(prices: Sequence[JsonObject]) -> str:
@@ -215,6 +232,7 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
         if entry:
             by_design.setdefault((entry, row.estimator), []).append((condition, row))
     order = sorted(set(plan.conditions.values()))
+    timings = cost.read_timings(root)
     samples, frames = {}, {}
     for design in plan.designs:
         design_rows = by_design.get((design.frames, design.estimator), [])
@@ -226,7 +244,12 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
             condition if len(bands) == 1 else f"{condition} {row.band}": order.index(plan.conditions[condition])
             for condition, row in design_rows
         }
-        samples[design.name] = sample_of(keyed, cluster)
+        seconds = {
+            key: timings[row.case][stage] / len(bands)
+            for key, row in keyed.items()
+            if (stage := cost.PROCESSOR + design.estimator) in timings.get(row.case, {})
+        }
+        samples[design.name] = sample_of(keyed, cluster, seconds)
         frames[design.name] = [(row.case, len(bands)) for _, row in design_rows]
     draws = cluster_draws(len(order), plan.head.name, plan.head.seed)
     return Data(plan, samples, draws, frames, tuple(summary.get("failed") or ()), str(summary.get("version") or ""))
@@ -234,8 +257,9 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
 
 def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     """Compute and write the results of a study; return them and the costs."""
-    plan, requirement = data.plan, data.plan.requirement
-    designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
+    plan = data.plan
+    untimed = [one for one in plan.requirements if one.latency_s is None]
+    designs = [_design(number, design, data, untimed) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
     price = cost.read_price(plan.head.cheapest_by, plan.designs[0].costs, f"{root / PLAN_FILE}: study.cheapest_by")
     timed = cost.is_timed(price)
@@ -246,6 +270,8 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
         "schema": RESULT_SCHEMA,
         "version": data.version,
         "study": plan.head.model_dump(mode="json"),
+        "required": required_words(plan.requirements),
+        "limit": plan.limit.model_dump(mode="json"),
         "conditions": len(plan.conditions),
         "clusters": int(data.draws.shape[1]),
         "failed": list(data.failed),
@@ -257,16 +283,17 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
             "unavailability": _front(designs, p95, {d["name"]: -(d["availability"]["rate"] or 0.0) for d in designs}),
         },
         "effects": effects_of([(d.name, d.settings, data.samples[d.name]) for d in plan.designs], data.draws),
-        "pairs": [data.compare(a, b, requirement.error_deg) for a, b in _neighbours(designs, chosen)],
+        "pairs": [data.compare(a, b, plan.limit_deg) for a, b in _neighbours(designs, chosen)],
         "prices": None if timed else prices,
-        "query": query(data, designs, requirement, "pixel_rate" if timed else price.text, costs["designs"]),
+        "query": query(data, designs, untimed, "pixel_rate" if timed else price.text, costs["designs"]),
     }
     costs |= {
         "front": _front(designs, p95, _values(costs["designs"])),
         "prices": prices if timed else None,
         "price_front": _front(designs, p95, _values(prices)) if timed else None,
-        "query": query(data, designs, requirement, price.text if timed else cost.SECONDS, costs["designs"]),
+        "query": query(data, designs, plan.requirements, price.text if timed else cost.SECONDS, costs["designs"]),
     }
+    requirement_files.write(root, plan.head.name, judged(plan.requirements, data.samples))
     write_json(root / RESULT, result)
     write_json(root / cost.COSTS_FILE, costs)
     _write_table(root / TABLE, designs, result["axes"], result["prices"])
@@ -275,35 +302,32 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
 
 def files_of_study(root: Path) -> list[Path]:
     """Return the result files of a study."""
-    return [root / name for name in (PLAN_FILE, RESULT, cost.COSTS_FILE, TABLE)]
+    return [root / name for name in (PLAN_FILE, RESULT, cost.COSTS_FILE, TABLE, *requirement_files.FILES)]
 
 
 def query(
     data: Data,
     designs: Sequence[JsonObject],
-    requirement: Requirement,
+    requirements: Sequence[Requirement],
     by: str,
     seconds: Mapping[str, JsonObject],
     where: str = "study.cheapest_by",
 ) -> JsonObject:
-    """Return the cheapest design for any requirement and price expression.
+    """Return the cheapest design for any requirements and price expression.
 
     ``seconds``: processor times of the designs. Raises ``UserError``, naming ``where``: ``by`` is not an expression.
     """
-    from horizonval.studies.trade.sample import proportion
-
+    limit = limit_of(requirements)
     shares = [
         {
             "name": design["name"],
-            "within": proportion(
-                data.samples[design["name"]].within(requirement.error_deg), data.samples[design["name"]].cluster
-            ),
-            "misses": misses_of(data.samples[design["name"]], requirement.error_deg),
+            "judged": [judge(one, data.samples[design["name"]]) for one in requirements],
+            "misses": misses_of(data.samples[design["name"]], limit.error_deg or math.inf),
         }
         for design in designs
     ]
     price = cost.read_price(by, data.plan.designs[0].costs, where)
-    return cheapest(shares, requirement, price.text, prices_of(designs, price, seconds))
+    return cheapest(shares, requirements, price.text, prices_of(designs, price, seconds))
 
 
 def prices_of(
@@ -317,17 +341,17 @@ def _values(prices: Mapping[str, JsonObject]) -> dict[str, float | None]:
     return {name: price["value"] for name, price in prices.items()}
 
 
-def _design(number: int, design: Design, data: Data) -> JsonObject:
-    measures = measures_of(data.samples[design.name], data.draws, data.plan.requirement.error_deg)
+def _design(number: int, design: Design, data: Data, untimed: Sequence[Requirement]) -> JsonObject:
+    sample, limit_deg = data.samples[design.name], data.plan.limit_deg
     pixels = design.width * design.height * design.heads
     return {
         "number": number,
         **asdict(design),
         "pixels": pixels,
         "pixel_rate": pixels * data.plan.head.frame_rate_hz,
-        **measures,
-        "misses": misses_of(data.samples[design.name], data.plan.requirement.error_deg),
-        "verdict": verdict_of(measures["within"], data.plan.requirement.availability),
+        **measures_of(sample, data.draws, limit_deg),
+        "misses": misses_of(sample, limit_deg),
+        "verdict": worst([judge(one, sample)["verdict"] for one in untimed]),
     }
 
 

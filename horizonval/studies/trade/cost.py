@@ -22,8 +22,8 @@ from scipy import stats
 
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.scoring.requirements import CONFIDENCE
 from horizonval.store.folder import intact_json
-from horizonval.studies.trade.sample import CONFIDENCE
 from horizonval.suites.units.scored import PROCESSOR
 
 LONGEST = 500

@@ -12,6 +12,7 @@ that `keep` stores.
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +29,8 @@ from horizonval.spec.expand import variants
 from horizonval.spec.explain import show, with_option
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
-from horizonval.spec.suite import CasesSpec, Requirement, StudyHead, StudySpec, SuiteHead, SuiteSpec
+from horizonval.spec.requirement import Requirement
+from horizonval.spec.suite import CasesSpec, StudyHead, StudySpec, SuiteHead, SuiteSpec
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade import cost
 from horizonval.suites.record import value_at
@@ -38,7 +40,7 @@ ESTIMATOR_AXIS = "estimator"
 MOST_DESIGNS = 10_000
 _TABLE = "frames"
 PLAN_FILE = "study-plan.json"
-PLAN_SCHEMA = 1
+PLAN_SCHEMA = 2
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,11 @@ class Design:
     costs: dict[str, float] = field(default_factory=dict)
 
 
+def limit_of(requirements: Sequence[Requirement]) -> Requirement:
+    """Return the first requirement with an error; :class:`StudySpec` makes sure that there is one."""
+    return next(one for one in requirements if one.error_deg is not None)
+
+
 @dataclass(frozen=True)
 class StudyPlan:
     """Designs, conditions and frames of a study.
@@ -82,13 +89,19 @@ class StudyPlan:
     """
 
     head: StudyHead
+    requirements: tuple[Requirement, ...]
     designs: tuple[Design, ...]
     conditions: dict[str, str]
     frames: dict[str, tuple[str, str]]
 
     @property
-    def requirement(self) -> Requirement:
-        return self.head.requirement
+    def limit(self) -> Requirement:
+        """The requirement whose error is the limit of the page's tables."""
+        return limit_of(self.requirements)
+
+    @property
+    def limit_deg(self) -> float:
+        return self.limit.error_deg or math.inf
 
     def design(self, name: str, where: str) -> Design:
         """Return the design of a name, or of a number from 1. Raises ``UserError``: no such design."""
@@ -169,7 +182,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
     if len(set(clusters.values())) == 1:
         # A single flight gives no variation between flights: results hold for it alone.
         clusters = {condition: condition for condition in clusters}
-    return Study(head, tuple(designs), clusters, frames, suite)
+    return Study(head, tuple(spec.requirement), tuple(designs), clusters, frames, suite)
 
 
 def leaves(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[str]:
@@ -343,6 +356,7 @@ def write_plan(plan: StudyPlan, folder: Path) -> None:
     content = {
         "schema": PLAN_SCHEMA,
         "study": plan.head.model_dump(mode="json"),
+        "requirements": [one.model_dump(mode="json") for one in plan.requirements],
         "designs": [asdict(design) for design in plan.designs],
         "conditions": plan.conditions,
         "frames": plan.frames,
@@ -361,6 +375,7 @@ def read_plan(folder: Path) -> StudyPlan | None:
             raise ValueError
         return StudyPlan(
             StudyHead.model_validate(data["study"]),
+            tuple(Requirement.model_validate(one) for one in data["requirements"]),
             tuple(Design(**design) for design in data["designs"]),
             dict(data["conditions"]),
             {name: (entry, condition) for name, (entry, condition) in data["frames"].items()},

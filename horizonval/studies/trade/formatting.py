@@ -14,7 +14,7 @@ MOST_BY = 24
 
 def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
     """Return a table of the designs as lines."""
-    error_deg = result["study"]["requirement"]["error_deg"]
+    error_deg = result["limit"]["error_deg"]
     rows: list[tuple[str, ...]] = [
         ("", "design", "frames", "answered", f"within {error_deg:g} deg", "bias", "noise", "p95", "pixels/s", "CPU s")
     ]
@@ -50,7 +50,7 @@ def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
 
 def information_lines(result: JsonObject) -> list[str]:
     """Return a table of the designs' bounds as lines."""
-    limit = result["study"]["requirement"]["error_deg"]
+    limit = result["limit"]["error_deg"]
     rows: list[tuple[str, ...]] = [
         ("design", "frames", "due", "by noise [deg]", "bound [deg]", f"within {limit:g} deg", "trial")
     ]

@@ -98,7 +98,8 @@ def run_information(
     Returns
     -------
     dict
-        ``study``, ``conditions``, ``failed`` by frame, and ``designs``: ``name``, ``settings``, ``camera``, ``n``,
+        ``study``, ``limit`` (the requirement with the error), ``conditions``, ``failed`` by frame, and ``designs``:
+        ``name``, ``settings``, ``camera``, ``n``,
         ``due`` (frames to be answered), ``noise_arcsec`` and ``bound_arcsec`` (``{median, rms, p95, n}`` over the
         frames that determine the nadir), ``within`` and ``within_by_noise`` (shares of all frames), and ``trial``: by
         estimator ``{rms_deg, within, n}`` of a finished study in the folder.
@@ -115,6 +116,7 @@ def run_information(
     result = {
         "schema": 1,
         "study": study.head.model_dump(mode="json"),
+        "limit": study.limit.model_dump(mode="json"),
         "conditions": len(study.conditions),
         "failed": {name: one.error for name, one in done.items() if one.error is not None},
         "designs": _designs(study, found, trial["designs"]),
@@ -125,7 +127,7 @@ def run_information(
 
 
 def _designs(study: Study, found: Mapping[str, Mapping[str, Any]], trial: Sequence[JsonObject]) -> list[JsonObject]:
-    limit_arcsec = 3600.0 * study.requirement.error_deg
+    limit_arcsec = 3600.0 * study.limit_deg
     by_entry: dict[str, list[Mapping[str, Any]]] = {}
     for name, bands in found.items():
         by_entry.setdefault(study.frames[name][0], []).extend(bands.values())

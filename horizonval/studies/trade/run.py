@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from horizonval.core.progress import Progress
 from horizonval.jobs.engine import ExpectedTime
 from horizonval.jobs.pool import Execution
 from horizonval.report import study as study_page
-from horizonval.spec.suite import Requirement
+from horizonval.spec.requirement import Requirement
 from horizonval.store.verify import amend_manifest
 from horizonval.studies.trade.conclude import Data, conclude, files_of_study, query, read_data
 from horizonval.studies.trade.design import (
@@ -98,7 +98,7 @@ def conclude_again(folder: Path) -> StudyResult:
     return StudyResult(result, costs, dict.fromkeys(data.failed, "see summary.json"), page)
 
 
-def ask(data: Data, result: StudyResult, requirement: Requirement, by: str | None = None) -> dict[str, Any]:
-    """Return the cheapest design for a requirement, by an expression or by the study's price."""
+def ask(data: Data, result: StudyResult, requirements: Sequence[Requirement], by: str | None = None) -> dict[str, Any]:
+    """Return the cheapest design for requirements, by an expression or by the study's price."""
     price, where = (data.plan.head.cheapest_by, "study.cheapest_by") if by is None else (by, "--cheapest-by")
-    return query(data, result.result["designs"], requirement, price, result.costs["designs"], where)
+    return query(data, result.result["designs"], requirements, price, result.costs["designs"], where)

@@ -5,10 +5,7 @@ Application*, 1997, section 3.8). A single condition is a cluster; so are all sa
 the draws, so differences are paired. The draws come from a hash of the study's name and seed; a statistic is computed
 for all draws at once, with the frequency of each frame as its weight.
 
-Shares of independent frames (:func:`proportion`) have Clopper and Pearson's interval (Biometrika 26, 404, 1934). For
-samples of one flight the effective sample size, n over the design effect, replaces n (E. L. Korn and B. I. Graubard,
-Survey Methodology 24, 193, 1998). If all frames have the same outcome, the variation between flights is unknown, and
-every flight counts once.
+Shares have the interval of :func:`horizonval.scoring.requirements.proportion`.
 
 Of the measures (:func:`measures_of`) *bias* is the length of the mean error in roll and pitch, *noise* the square root
 of the sum of their variances over the conditions, including detector noise. For small angles rms^2 = bias^2 + noise^2
@@ -21,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,38 +28,27 @@ from scipy import stats
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
+from horizonval.scoring.requirements import CONFIDENCE, Answers, BoolArray, columns_of, proportion
 from horizonval.scoring.row import Row
 from horizonval.spec.expand import seed_of
 
-BoolArray = NDArray[np.bool_]
-
 DRAWS = 1000
-CONFIDENCE = 0.95
-ARCSEC_PER_DEG = 3600.0
 NOT_MADE = "not_made"
 SUN_DECIDES = (Outcome.VALID, Outcome.SUN_GLARE, Outcome.SATURATED)
 """Expected outcomes in which the Sun's position decides: with a limb, and not in the dark."""
 
 
-@dataclass(frozen=True)
-class Sample:
+@dataclass(frozen=True, kw_only=True)
+class Sample(Answers):
     """A design's frames in the order of ``keys``; all arrays have shape (n,).
 
-    ``keys``: condition, and band if there are several; equal keys of two designs are a pair. ``cluster``: index of the
-    condition's cluster. ``claimed``, ``due``, ``false``, ``right``: answered; must be answered (borderline frames
-    excluded); false claim; claim that is not false. ``error_deg``, ``roll_deg``, ``pitch_deg``: errors of claims, else
-    NaN. ``sun_deg``: the Sun's angle from the boresight where it is visible and decides, else NaN. ``outcome``: the
-    reported status; ``not_made`` if the frame failed.
+    ``keys``: condition, and band if there are several; equal keys of two designs are a pair. ``due``, ``right``: must
+    be answered (borderline frames excluded); claim that is not false. ``sun_deg``: the Sun's angle from the boresight
+    where it is visible and decides, else NaN. ``outcome``: the reported status; ``not_made`` if the frame failed.
     """
 
     keys: tuple[str, ...]
-    cluster: NDArray[np.int64]
-    claimed: BoolArray
     due: BoolArray
-    false: BoolArray
-    error_deg: FloatArray
-    roll_deg: FloatArray
-    pitch_deg: FloatArray
     sun_deg: FloatArray
     right: BoolArray
     outcome: tuple[str, ...]
@@ -71,21 +57,11 @@ class Sample:
     def n(self) -> int:
         return len(self.keys)
 
-    def within(self, error_deg: float) -> BoolArray:
-        """Return which frames have an answer with at most this error."""
-        return self.claimed & (np.nan_to_num(self.error_deg, nan=np.inf) <= error_deg)
 
-
-def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
-    """Return the sample of rows by key; ``cluster_of`` is the cluster of every key."""
+def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int], seconds: Mapping[str, float]) -> Sample:
+    """Return the sample of rows by key; ``cluster_of`` is the cluster of every key, ``seconds`` its processor time."""
     keys = tuple(sorted(rows))
     ordered = [rows[key] for key in keys]
-
-    def flags(values: Sequence[bool]) -> BoolArray:
-        return np.array(values, dtype=np.bool_)
-
-    def degrees(values: Sequence[float | None]) -> FloatArray:
-        return np.array([np.nan if value is None else value for value in values]) / ARCSEC_PER_DEG
 
     sun = [
         row.sun_boresight_deg
@@ -94,17 +70,14 @@ def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
         for row in ordered
     ]
     return Sample(
-        keys,
-        np.array([cluster_of[key] for key in keys], dtype=np.int64),
-        flags([row.is_claim for row in ordered]),
-        flags([row.is_due for row in ordered]),
-        flags([row.false_valid for row in ordered]),
-        degrees([row.nadir_error_arcsec for row in ordered]),
-        degrees([row.roll_error_arcsec for row in ordered]),
-        degrees([row.pitch_error_arcsec for row in ordered]),
-        np.array(sun, dtype=np.float64),
-        flags([row.is_right for row in ordered]),
-        tuple(row.status if row.epoch_utc is not None else NOT_MADE for row in ordered),
+        keys=keys,
+        cluster=np.array([cluster_of[key] for key in keys], dtype=np.int64),
+        seconds=np.array([seconds.get(key, np.nan) for key in keys], dtype=np.float64),
+        due=np.array([row.is_due for row in ordered], dtype=np.bool_),
+        sun_deg=np.array(sun, dtype=np.float64),
+        right=np.array([row.is_right for row in ordered], dtype=np.bool_),
+        outcome=tuple(row.status if row.epoch_utc is not None else NOT_MADE for row in ordered),
+        **columns_of(ordered),
     )
 
 
@@ -123,57 +96,6 @@ def interval_of(values: FloatArray) -> list[float] | None:
         return None
     low, high = np.percentile(known, [50.0 * (1.0 - CONFIDENCE), 50.0 * (1.0 + CONFIDENCE)])
     return [float(low), float(high)]
-
-
-def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObject:
-    """Return a share with its two-sided 95 % interval and its one-sided 95 % bounds; inputs have shape (n,).
-
-    The result has ``n`` (set flags), ``of``, ``rate``, ``interval``, ``lower``, ``upper`` (each one-sided), and
-    ``effective`` (sample size); all but the counts are None for 0 of 0.
-    """
-    n, k = int(flags.size), int(np.count_nonzero(flags))
-    if n == 0:
-        none = dict.fromkeys(("rate", "interval", "lower", "upper", "effective"))
-        return {"n": 0, "of": 0, **none}
-    effective = effective_size(flags, cluster)
-    rate = k / n
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = _bounds(rate, effective, tail)
-    lower, upper = _bounds(rate, effective, 2.0 * tail)
-    return {
-        "n": k,
-        "of": n,
-        "rate": rate,
-        "interval": [low, high],
-        "lower": lower,
-        "upper": upper,
-        "effective": effective,
-    }
-
-
-def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> float:
-    """Return the number of independent frames equivalent to a sample, at most its size."""
-    n = int(flags.size)
-    _, index = np.unique(cluster, return_inverse=True)
-    clusters = int(index.max()) + 1
-    if clusters == n:
-        return float(n)
-    rate = float(np.mean(flags))
-    if rate in (0.0, 1.0) or clusters == 1:
-        return float(clusters)
-    excess = np.bincount(index, weights=flags - rate)
-    variance = clusters / (clusters - 1.0) * float(np.sum(excess**2)) / n**2
-    if variance == 0.0:
-        return float(n)
-    return min(float(n), rate * (1.0 - rate) / variance)
-
-
-def _bounds(rate: float, n: float, tail: float) -> tuple[float, float]:
-    """Return Clopper and Pearson's bounds, each with the tail probability ``tail``."""
-    k = rate * n
-    low = 0.0 if rate == 0.0 else float(stats.beta.ppf(tail, k, n - k + 1.0))
-    high = 1.0 if rate == 1.0 else float(stats.beta.ppf(1.0 - tail, k + 1.0, n - k))
-    return low, high
 
 
 THREE_SIGMA = 0.997

@@ -18,7 +18,8 @@ from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.spec.explain import with_option
 from horizonval.spec.files import shipped_path
-from horizonval.spec.suite import Requirement, SobolSpec, SuiteHead
+from horizonval.spec.requirement import Requirement
+from horizonval.spec.suite import SobolSpec, SuiteHead
 from horizonval.suites.suite import load_suite
 
 LATE = {"mitsuba", "drjit", "numpy", "scipy", "cv2", "OpenEXR", "pydantic", "rich", "duckdb", "matplotlib"}
@@ -134,7 +135,7 @@ def test_an_option_is_checked_as_the_key_it_stands_for():
     with pytest.raises(UserError, match=r"^--frames: found 1000001; expected a whole number from 1 to 1000000$"):
         with_option(head, "frames", 1_000_001, "--frames")
     with pytest.raises(UserError, match=r"^--error-deg: found nan; expected a number above 0$"):
-        with_option(Requirement(), "error_deg", float("nan"), "--error-deg")
+        with_option(Requirement(id="R", error_deg=1.0, n_sigma=3), "error_deg", float("nan"), "--error-deg")
     with pytest.raises(UserError, match=r"^--n: give one of n and share$"):
         with_option(SobolSpec(n=3, ranges={"a": [0, 1]}), "share", 0.5, "--n")
 

@@ -24,7 +24,6 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, PUBLISHED, rms
 from horizonval.systems.b.pair.frames import THERMAL, pair, scene, view
-from horizonval.systems.d.frames import CAMERA, HOUSING_YAW_DEG
 from horizonval.systems.published import page_text
 from horizonval.systems.result import ComparisonRow, Table
 from horizonval.systems.task_cache import TaskCache
@@ -41,6 +40,8 @@ LARGEST_TILT_DEG = 4.0
 ALTITUDE_KM = 400.0
 """For which those heads are set."""
 WIDTH_PX = 512
+CAMERA, HOUSING_YAW_DEG = "ir-linear-160-four-heads", 90.0
+"""The four linear heads of system D, and the turn of their housing."""
 VISIBLE, COASTS = "visible pair, plain ground", "visible pair, coasts"
 INFRARED, LINEAR = "infrared pair", "infrared, four linear heads"
 

@@ -19,17 +19,18 @@ def make_sample() -> Callable[..., Sample]:
         n = len(error)
         claimed = np.isfinite(error)
         return Sample(
-            tuple(f"{i:03d}" for i in range(n)),
-            np.arange(n) if cluster is None else np.asarray(cluster),
-            claimed,
-            np.ones(n, dtype=bool),
-            np.nan_to_num(error, nan=0.0) > 0.5,
-            error,
-            0.6 * error,
-            0.8 * error,
-            np.linspace(10.0, 90.0, n),
-            claimed & ~(np.nan_to_num(error, nan=1.0) > 0.5),
-            tuple("valid" if claim else "dark" for claim in claimed),
+            keys=tuple(f"{i:03d}" for i in range(n)),
+            cluster=np.arange(n) if cluster is None else np.asarray(cluster),
+            claimed=claimed,
+            due=np.ones(n, dtype=bool),
+            false=np.nan_to_num(error, nan=0.0) > 0.5,
+            error_deg=error,
+            roll_deg=0.6 * error,
+            pitch_deg=0.8 * error,
+            seconds=np.full(n, 0.1),
+            sun_deg=np.linspace(10.0, 90.0, n),
+            right=claimed & ~(np.nan_to_num(error, nan=1.0) > 0.5),
+            outcome=tuple("valid" if claim else "dark" for claim in claimed),
         )
 
     return build

@@ -11,17 +11,16 @@ from scipy import stats
 
 from horizonval.core.errors import UserError
 from horizonval.scoring.expected import exclusion_angle_deg
-from horizonval.spec.suite import Requirement
-from horizonval.studies.trade.conclude import cheapest, frames_needed, verdict_of
+from horizonval.scoring.requirements import effective_size, proportion, verdict_of
+from horizonval.spec.requirement import Requirement
+from horizonval.studies.trade.conclude import cheapest
 from horizonval.studies.trade.cost import is_tie, price_of, read_expression
 from horizonval.studies.trade.effects import compare, effects_of, front
 from horizonval.studies.trade.sample import (
     bias_and_noise,
     cluster_draws,
-    effective_size,
     exclusion_angle,
     measures_of,
-    proportion,
     quantile,
     rms,
 )
@@ -311,25 +310,19 @@ def share(k, n):
     return proportion(np.arange(n) < k, np.arange(n))
 
 
-def test_ninety_nine_per_cent_takes_299_frames():
-    assert frames_needed(0.99) == 299
-    assert verdict_of(share(299, 299), 0.99) == "meets"
-    assert verdict_of(share(298, 298), 0.99) == "open"
-    assert verdict_of(share(180, 200), 0.99) == "fails"
-    assert verdict_of(share(0, 0), 0.99) == "open"
-
-
 def ask(shares, prices=None, availability=0.9):
-    designs = [
-        {"name": name, "within": share(*found), "misses": {"dark": {"n": found[1] - found[0], "due": 0}}}
-        for name, found in shares.items()
-    ]
+    required = Requirement(id="R", error_deg=0.05, availability=availability)
+    designs = []
+    for name, (k, n) in shares.items():
+        found = {"axis": "nadir", "verdict": verdict_of(share(k, n), availability), **share(k, n)}
+        judged = [{"id": "R", "verdict": found["verdict"], "evidence": [found]}]
+        designs.append({"name": name, "judged": judged, "misses": {"dark": {"n": n - k, "due": 0}}})
     prices = prices or {name: float(i) for i, name in enumerate(shares)}
     full = {
         name: price if isinstance(price, dict) else {"value": price, "interval": None, "known": True}
         for name, price in prices.items()
     }
-    return cheapest(designs, Requirement(error_deg=0.05, availability=availability), "pixel_rate", full)
+    return cheapest(designs, [required], "pixel_rate", full)
 
 
 def test_the_cheapest_that_meets_and_what_is_open():

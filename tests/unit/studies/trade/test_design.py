@@ -157,7 +157,11 @@ def test_heads_are_one_camera(load):
         (("platform.latitude_deg", "camera.optics.psf_sigma_px"), [": design:", "varied by [frames] too"]),
         (('"camera.optics.psf_sigma_px"', '"orbit.altitude_km"'), ["a design changes the orbit", "frames.orbit"]),
         (('"camera.optics.psf_sigma_px"', '"estimator"'), ["design.grid.estimator", "study.estimators"]),
-        (("seed = 3", "requirement.availability = 99.0"), ["study.requirement.availability", "99.0"]),
+        (
+            ("[defaults]", '[[requirement]]\nid = "R1"\nerror_deg = 1.0\navailability = 99.0\n[defaults]'),
+            ["requirement[1].availability", "99.0"],
+        ),
+        (("[defaults]", '[[requirement]]\nid = "R1"\navailability = 0.9\n[defaults]'), ["needs error_deg"]),
         (("seed = 3", "cheapest_by = \"mass\""), ["study.cheapest_by", "'mass' is no column", "pixel_rate"]),
         (("[design.grid]", "[design]\ncost = { pixels = 1.0 }\n[design.grid]"), ["a cost is named 'pixels'"]),
         (
