@@ -285,7 +285,7 @@ class FrameGeometry:
     shadow. ``glow_top_m``: nothing shines above; at least ``top_m``. With refraction ``planet``, ``top_m`` and
     ``origin`` are apparent ones, among which light goes straight, and ``bending`` says by how much it bends.
     ``gap_maps``: one per layer of thin cloud, None for one without gaps; empty where none has any. ``every_cell``: cut
-    all pixels into cells (see ``whole_pixels``).
+    all pixels into cells (see ``cells``).
     """
 
     rays: RayCamera
