@@ -11,7 +11,7 @@ where the air is dense. One step holds two Gauss points.
 
 **Layers of thin cloud**: no step straddles a layer's edge. A ray is cut where it enters and leaves each layer's
 heights, on its way down and on its way up. Every piece has a fixed number of steps, so that neighbouring rays
-differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the
+differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:data:`STEPS_PER_SCALE`), half the
 march's outside the highest and below the lowest one, a quarter between two. A piece without length, of a ray that
 passes above, has no steps: as a piece shrinks so does its contribution, and nothing jumps. Within a
 piece steps are even in the ray parameter; where the umbra's edge crosses the ray, there are twice as many, a third of
@@ -271,15 +271,13 @@ def layer_bands(heights: Sequence[tuple[float, float]], gaps: Sequence[tuple[flo
     """Return heights (base, top) with their numbers of steps; ``gaps``: base, top and scale of layers with gaps [m]."""
     bands = []
     for base, top in heights:
-        inside = [scale for low, high, scale in gaps if low < top and high > base]
-        bands.append(LayerBand(base, top, max([LAYER_STEPS, *(steps_among_gaps(top - base, s) for s in inside)])))
+        # down from the layer's top to its base, level there
+        longest, steps = math.sqrt(2.0 * _RADIUS_M * (top - base)), LAYER_STEPS
+        for low, high, scale in gaps:
+            if low < top and high > base:
+                steps = max(steps, min(_twelve(STEPS_PER_SCALE * longest / scale), MOST_STEPS))
+        bands.append(LayerBand(base, top, steps))
     return tuple(bands)
-
-
-def steps_among_gaps(thickness_m: float, scale_m: float) -> int:
-    """Return the steps that the longest passage of a layer needs: from its top down to its base, level there."""
-    longest = math.sqrt(2.0 * _RADIUS_M * thickness_m)
-    return min(_twelve(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
 
 
 @dataclass(frozen=True)

@@ -83,15 +83,15 @@ class RayCamera:
         shape = camera.shape if camera.projection == "unified" else None
         circle = _circle(camera)
         return cls(
-            [dr.opaque(mi.Float64, float(v), 1) for v in numbers],
-            [dr.opaque(mi.Float64, float(v), 1) for v in itrs_from_cam.ravel()],
+            [constant(v) for v in numbers],
+            [constant(v) for v in itrs_from_cam.ravel()],
             camera.projection,
             distorted,
             _stages(camera) if distorted else 1,
-            dr.opaque(mi.Float64, _widest(camera.distortion), 1) if camera.projection == "fisheye" else None,
-            None if circle is None else dr.opaque(mi.Float64, circle, 1),
-            dr.opaque(mi.Float64, camera.skew, 1) if camera.skew else None,
-            None if shape is None else [dr.opaque(mi.Float64, float(v), 1) for v in shape],
+            constant(_widest(camera.distortion)) if camera.projection == "fisheye" else None,
+            None if circle is None else constant(circle),
+            constant(camera.skew) if camera.skew else None,
+            None if shape is None else [constant(v) for v in shape],
         )
 
     def direction(self, u: mi.Float64, v: mi.Float64) -> Vec:

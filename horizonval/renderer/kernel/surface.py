@@ -66,9 +66,9 @@ class GroundTable:
             mi.Float64(ground_map.mixtures().ravel()),
             mi.Float64(edges),
             mi.Float32(ground_map.heights_m().ravel()),
-            dr.opaque(mi.Float64, ground_map.snow_line_deg(month), 1),
-            dr.opaque(mi.Float64, north, 1),
-            dr.opaque(mi.Float64, south, 1),
+            constant(ground_map.snow_line_deg(month)),
+            constant(north),
+            constant(south),
             mi.Float64(mean_snow_reflection()),
             mi.Float32(city_lights_map.inhabitants_per_m2().ravel()) if city_lights else None,
         )
@@ -271,9 +271,7 @@ class SurfaceHit:
         """Return the same for the nodes of a batch, padded to its width."""
         nodes = [surface.albedos(model, w) for w in wavelength_um]
         nodes += [Albedos(*(0.0,) * len(fields(Albedos)))] * (width - len(nodes))
-        return replace(
-            self, albedos=tuple({k: dr.opaque(mi.Float64, v, 1) for k, v in asdict(a).items()} for a in nodes)
-        )
+        return replace(self, albedos=tuple({k: constant(v) for k, v in asdict(a).items()} for a in nodes))
 
     def reflectance(self) -> tuple[Values, Values]:
         """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
@@ -361,7 +359,7 @@ def surface_hits(
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     normal, arriving = place.vertical, place.direction
     wet = shares["water"]
-    variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
+    variance = constant(surface.slope_variance(ground.model.wind_speed_m_s))
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
@@ -386,7 +384,7 @@ def ground_shares(ground: Ground, normal: Vec, clear: mi.Float64) -> dict[str, m
         first = dr.select(is_first_square(ground.pieces, normal), clear, 0.0)
         return {"ground": first, "other": clear - first}
     _, below = cover(ground.table, Places.below(normal))
-    foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
+    foam = constant(surface.foam_share(ground.model.wind_speed_m_s))
     shares = {name: clear * share for name, share in below.items()}
     return shares | {"water": shares["water"] * (1.0 - foam), "foam": shares["water"] * foam}
 
