@@ -417,8 +417,7 @@ class BentPoint(Generic[Real]):
 class BendingField:
     """The apparent planet and the rate of bending above it.
 
-    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``apparent_m`` on ``true_grid``.
-    ``single``: the three in single precision.
+    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``single``: in single precision.
     """
 
     planet: Planet
@@ -427,30 +426,18 @@ class BendingField:
     grid: AltitudeGrid
     per_m: mi.Float64
     true_m: mi.Float64
-    true_grid: AltitudeGrid
-    apparent_m: mi.Float64
-    single: tuple[mi.Float32, mi.Float32, mi.Float32]
+    single: tuple[mi.Float32, mi.Float32]
 
     @classmethod
     def of(cls, air: ApparentRadiusAir) -> BendingField:
         """Build from air in apparent-radius coordinates."""
         apparent = air.model.altitude_m
-        height, true_height = (_even(column[-1]) for column in (apparent, air.height_m))
-        columns = (
-            np.interp(height, apparent, air.bending_per_m),
-            np.interp(height, apparent, air.height_m),
-            np.interp(true_height, air.height_m, apparent),
-        )
-        per_m, true_m, apparent_m = (table_of(mi.Float64, column) for column in columns)
-        one, two, three = (table_of(mi.Float32, column) for column in columns)
-        grids = AltitudeGrid.of(height), AltitudeGrid.of(true_height)
+        height = np.linspace(0.0, apparent[-1], math.ceil(apparent[-1] / GRID_STEP_M) + 1)
+        columns = [np.interp(height, apparent, values) for values in (air.bending_per_m, air.height_m)]
+        per_m, true_m = (table_of(mi.Float64, column) for column in columns)
+        one, two = (table_of(mi.Float32, column) for column in columns)
         top_m = air.model.top_m
-        return cls(air.planet, air.true_planet, top_m, grids[0], per_m, true_m, grids[1], apparent_m, (one, two, three))
-
-    def apparent(self, true_m: mi.Float32) -> mi.Float32:
-        """Return the apparent heights of true ones."""
-        i, w, _ = self.true_grid.locate(true_m)
-        return interpolate(self.single[2], i, w, 1)[0]
+        return cls(air.planet, air.true_planet, top_m, AltitudeGrid.of(height), per_m, true_m, (one, two))
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
@@ -523,11 +510,6 @@ class BendingField:
         o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
         sphere = replace(self, planet=Planet(radius, radius))
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
-
-
-def _even(top_m: float) -> FloatArray:
-    """Return even heights from the ground to a top."""
-    return np.linspace(0.0, top_m, math.ceil(top_m / GRID_STEP_M) + 1)
 
 
 def across(vertical: Vec, d: Vec) -> Vec:

@@ -36,7 +36,7 @@ from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.refraction import END_BENDING_NODES, BendingField, BentPoint, turn_between, vertical_of
+from horizonval.renderer.refraction import END_BENDING_NODES, BendingField, turn_between, vertical_of
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Real, Vec, Vec3, constant, constant_vector, in_single, inverse_root
 
@@ -317,44 +317,6 @@ def _tropopause(z: Real) -> Real:
     return middle - half * poleward
 
 
-@dataclass(frozen=True)
-class CloudWalk:
-    """Points of rays in single precision from ``start`` on, where they enter the layer of the tops.
-
-    ``up``: :meth:`BendingField.up`; None without refraction. ``angle``, ``rate``: of the bending at the beginning.
-    """
-
-    planet: Planet
-    bending: BendingField | None
-    entry: Vec3[mi.Float32]
-    direction: Vec3[mi.Float32]
-    up: Vec3[mi.Float32] | None
-    angle: mi.Float32
-    rate: mi.Float32
-
-    @classmethod
-    def of(cls, planet: Planet, bending: BendingField | None, o: Vec, d: Vec, start: mi.Float64) -> CloudWalk:
-        """Build for rays."""
-        entry, direction, none = in_single(along(o, d, start)), in_single(d), mi.Float32(0.0 * start)
-        if bending is None:
-            return cls(planet, None, entry, direction, None, none, none)
-        up = in_single(bending.up(o, d))
-        angle = mi.Float32(bending.angle(o, d, END_BENDING_NODES, start, single=True))
-        return cls(planet, bending, entry, direction, up, angle, bending.look(entry, up).rate)
-
-    def at(
-        self, s: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32
-    ) -> tuple[BentPoint[mi.Float32], Vec3[mi.Float32], mi.Float32]:
-        """Return points ``s`` behind the entry, verticals and bending angles there, by angle and rate at ``before``."""
-        point = along(self.entry, self.direction, s)
-        if self.bending is None or self.up is None:
-            height, normal = self.planet.height_and_normal(point)
-            return BentPoint(height, normal, height, rate), normal, angle
-        bent = self.bending.look(point, self.up)
-        angle = dr.fma(turn_between(rate, bent.rate), s - before, angle)
-        return bent, vertical_of(bent.normal, self.direction, angle), angle
-
-
 def first_cloud(
     table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool | mi.Bool, bending: BendingField | None = None
 ) -> tuple[mi.Bool, mi.Float64]:
@@ -380,11 +342,28 @@ def first_cloud_and_turn(
         end = dr.select(to_ground, dr.minimum(end, ground_mid - ground_half), end)
     meets &= end > start
     single = mi.Float32
-    walk, way = CloudWalk.of(planet, bending, o, d, start), single(end - start)
+    entry, along_ray, way = in_single(along(o, d, start)), in_single(d), single(end - start)
     # half a node of the table is what a step passes over; steep rays come down by more
-    rise = dot(planet.height_and_normal(walk.entry)[1], walk.direction)
+    rise = dot(planet.height_and_normal(entry)[1], along_ray)
     step_m = single(table.step_m) * inverse_root(dr.maximum(1.0 - rise * rise, LEAST_COSINE**2))
     count = dr.ceil(way / step_m)
+
+    up = None if bending is None else in_single(bending.up(o, d))
+    at_start = rate_at_start = zero = 0.0 * way
+    if bending is not None and up is not None:
+        at_start = single(bending.angle(o, d, END_BENDING_NODES, start, single=True))
+        rate_at_start = bending.look(entry, up).rate
+
+    def place(
+        s: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32
+    ) -> tuple[mi.Float32, Vec3[mi.Float32], mi.Float32, mi.Float32]:
+        """Return heights, verticals, bending angles and their rate behind the entry, by those at ``before``."""
+        point = along(entry, along_ray, s)
+        if bending is None or up is None:
+            return *planet.height_and_normal(point), angle, rate
+        bent = bending.look(point, up)
+        angle = dr.fma(turn_between(rate, bent.rate), s - before, angle)
+        return bent.true_m, vertical_of(bent.normal, along_ray, angle), angle, bent.rate
 
     def inside(height: mi.Float32, normal: Vec3[mi.Float32]) -> mi.Bool:
         top = table.top(normal)
@@ -394,20 +373,19 @@ def first_cloud_and_turn(
         i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, hit: mi.Bool, going: mi.Bool
     ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Bool, mi.Bool]:
         s = dr.minimum(i * step_m, way)
-        point, vertical, angle = walk.at(s, before, angle, rate)
-        hit = inside(point.true_m, vertical)
+        height, vertical, angle, rate = place(s, before, angle, rate)
+        hit = inside(height, vertical)
         # steps to where the ray may come down to the highest top around
-        falling = dr.maximum(-dot(vertical, walk.direction) * step_m, 1e-3)
+        falling = dr.maximum(-dot(vertical, along_ray) * step_m, 1e-3)
         steps = single(1.0)
         for squares in table.squares:
-            free = dr.floor((point.true_m - SKIP_MARGIN_M - table.highest_around(squares, vertical)) / falling) + 1.0
+            free = dr.floor((height - SKIP_MARGIN_M - table.highest_around(squares, vertical)) / falling) + 1.0
             steps = dr.maximum(steps, dr.minimum(free, single(squares.steps)))
         following = dr.select(hit, i, i + steps)
-        return following, s, angle, point.rate, hit, ~hit & (following <= count)
+        return following, s, angle, rate, hit, ~hit & (following <= count)
 
-    zero = 0.0 * way
     index, last, angle, rate, hit, _ = dr.while_loop(
-        (zero, zero + 0.0, walk.angle, walk.rate, meets & ~meets, dr.copy(meets)),
+        (zero, zero + 0.0, at_start, rate_at_start, meets & ~meets, dr.copy(meets)),
         lambda i, before, angle, rate, hit, going: going,
         advance,
         labels=("i", "before", "angle", "rate", "hit", "going"),
@@ -416,8 +394,7 @@ def first_cloud_and_turn(
 
     def halve(k: mi.UInt32, low: mi.Float32, high: mi.Float32) -> tuple[mi.UInt32, mi.Float32, mi.Float32]:
         middle = 0.5 * (low + high)
-        point, vertical, _ = walk.at(middle, middle, angle, rate)
-        covered = inside(point.true_m, vertical)
+        covered = inside(*place(middle, middle, angle, rate)[:2])
         return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
 
     high = dr.minimum(index * step_m, way)
@@ -431,8 +408,7 @@ def first_cloud_and_turn(
     t = start + mi.Float64(high)
     if bending is None:
         return hit, t, None
-    _, _, angle = walk.at(dr.select(hit, high, way), last, angle, rate)
-    return hit, t, mi.Float64(angle)
+    return hit, t, mi.Float64(place(dr.select(hit, high, way), last, angle, rate)[2])
 
 
 NODES_PER_SCALE, MOST_NODES = 32, 3072
