@@ -53,14 +53,12 @@ NIGHT = -0.33
 class PixelKinds:
     """Pixels of a frame by treatment, each rising; pixels that see nothing are in none.
 
-    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air. ``all_cut``: the frame holds only the
-    first.
+    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air.
     """
 
     cut: mi.UInt32
     ground: mi.UInt32
     space: mi.UInt32
-    all_cut: bool = False
 
 
 _CUT, _WHOLE_GROUND, _WHOLE_SPACE, _DARK = range(4)
@@ -71,7 +69,7 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     pixel = dr.arange(mi.UInt32, view.width * view.height)
     if view.every_cell or view.subsamples == 1:
         none = mi.UInt32()
-        return PixelKinds(pixel, none, none, all_cut=True)
+        return PixelKinds(pixel, none, none)
     u, v = view.column_and_row(pixel)
     centre, reach = centre_and_reach(view, u, v, 0.5)
     touched = near_disc(view, sun_disc(view), centre, reach)
@@ -213,8 +211,6 @@ class Cells:
             added = dr.gather(mi.Float64, values, numbers_from(first, more))
             values = dr.gather(mi.Float64, values, dr.arange(mi.UInt32, first))
             dr.scatter_add(values, added, self.second, mode=dr.ReduceMode.NoConflicts)
-        if kinds.all_cut:
-            return dr.block_sum(values, k2) / k2
         image = dr.zeros(mi.Float64, self.view.width * self.view.height)
         first = _cell_count(self.view, kinds)
         if first:
@@ -240,9 +236,7 @@ class CutPixels:
 
     def pixel(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
         """Return (column, row) of the pixels of cells."""
-        pixel = cell // self.view.subsamples**2
-        if not self.kinds.all_cut:
-            pixel = dr.gather(mi.UInt32, self.kinds.cut, pixel)
+        pixel = dr.gather(mi.UInt32, self.kinds.cut, cell // self.view.subsamples**2)
         return self.view.column_and_row(pixel)
 
     def centre(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
