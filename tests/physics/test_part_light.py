@@ -53,9 +53,9 @@ def test_a_lambert_panel_in_sunlight(zenith_deg: float) -> None:
     band, truth = frame.truth.camera_spec.band[0], frame.truth
     expected = band_irradiance(band, truth.sun_angular_radius_rad) * math.cos(math.radians(zenith_deg)) * 0.5 / math.pi
     assert (frame.maps["part"] == 1.0).all()
-    # single precision, and the mean of the noise below over 576 pixels
-    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=2e-5)
-    # cos(theta) over half a degree of Sun, from 64 rays
+    # single precision, and the mean of the noise below over a sixteenth of 576 pixels
+    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=1e-4)
+    # cos(theta) over half a degree of Sun, from 36 rays
     assert frame.radiance["vis"].std() < 3e-4 * expected
 
 
