@@ -374,8 +374,8 @@ class FrameTables:
         planet, o, d = self.view.planet, self.view.origin, rays.direction
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
-        rays = SunlitRays.of(nodes, planet, path, o, d, light.direction)
-        return rays.ground_radiance(path, hit, bending, reflected)
+        sunlit = SunlitRays.of(nodes, planet, path, o, d, light.direction)
+        return sunlit.ground_radiance(path, hit, bending, reflected)
 
 
 def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
