@@ -10,8 +10,7 @@
    P_s is the profile at the nodes, linear between them, as the pixel's two sides and a lens of s pixels blur it, and
    light the cosine of the off-axis angle to the fourth. y is the distance across the limb in which pixels are even,
    h = y - curve y^2, and c (s^2 + 1/12) the shift of a bent limb by blur. The functions f_k are the table's modes,
-   once more where lines end in other air, bumps over height for what the modes leave out, and the mean itself for a
-   gain that varies along the limb. Unknown are turn (3), position (3), lift, ln blur, sharpness of the lens, ln gain,
+   those of the air once more where lines end, and the mean itself for a gain that varies along the limb. Unknown are turn (3), position (3), lift, ln blur, sharpness of the lens, ln gain,
    background, and unit unknowns z behind the coefficients at the nodes, a_k = W_k z, with W W^T their covariance
    exp(-d^2 / 2 l^2) for nodes a distance d apart at the Earth's centre.
 
@@ -23,7 +22,7 @@
    dark pixels plus components fitted to the squared residuals (level, clouds, slope), and not less than rounding and
    neglected air make. Where residuals are correlated, several pixels count together as one. Where the converter cuts
    noise off at its lowest level, the prediction is the mean of what is left. In the first of two stages the lens is held
-   near its prior, and the air has its modes alone. The derivatives J are computed again only where a step gains less than
+   near its prior. The derivatives J are computed again only where a step gains less than
    they predict, or much, and at the end; until then a step costs one prediction and one product. Of more than 6000 pixels
    in squares near the limb 3000 to 6000 are taken, evenly spread.
 
@@ -31,7 +30,7 @@
    summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
 
    Not in this program: lenses with distortion, stated diffraction and blur over the field, foreign light outside the
-   limb, a lens that is softer at one part of the limb, a wider claim where limb and priors disagree, planets that are
+   limb, a wider claim where limb and priors disagree, planets that are
    spheres, sigmas of the attitude by axis. A saturated pixel is known by full_scale alone. MOST_NODES is half of the most
    that `limb-profile` has, which matters only where more than 1.1 rad of limb at the Earth's centre are in view.
 
@@ -60,9 +59,8 @@
 #define FEWEST_ROWS 3000
 #define ROWS (2 * FEWEST_ROWS + 512) /* lines of pixels do not meet all squares evenly */
 #define MOST_NODES 33
-#define BUMPS 15
-#define FUNCTIONS (1 + 2 * LIMB_K + BUMPS + 1)
-#define SETS (LIMB_K + 2)
+#define SETS (LIMB_K + 1)
+#define FUNCTIONS (1 + LIMB_K + LIMB_ENDS + 1) /* mean, modes, what these of the air are where lines end, gain */
 #define MOST_UNKNOWNS (SHARED + MOST_NODES * (FUNCTIONS - 1))
 #define COLUMNS (2 * (FUNCTIONS - 1) + SHARED + WIDE)
 #define THREE for (int i = 0; i < 3; i++)
@@ -80,11 +78,10 @@ static const double SHARPNESS_PRIOR = 0.5, SHARPNESS_SIGMA = 0.5;
 static const double DEPTH_PX = 0.5, TAPER_PX = 0.5, LEAST_TAPER = 1e-3, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0;
 static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, WIDER = 1.5, OBLIQUE = 0.382;
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8, SQUARE_PX = 8 };
-/* Air. Bumps are compared at the places of the grid that `limb-profile` has, so that both leave out the same. */
-static const double LEFT_OUT = 1e-4, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5;
-static const double LEAST_APART = 0.15, LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
+/* Air. */
+static const double LEFT_OUT = 1e-4, LEFT_M = 6e3, LEFT_LENGTH = 0.1;
+static const double AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
 static const double ENDS_STEP = 0.05, AT_POLE = 1e-9, SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
-static const double FINEST_STEP_M = 250.0, BUMP_STEPS_PER_PIXEL = 12.0;
 /* Noise: degrees of freedom of Student's distribution, and the weighed mean square of normal residuals. */
 static const double FREEDOM = 10.0, OF_NORMAL = 0.8713634110071656;
 static const double CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
@@ -132,15 +129,15 @@ static State prior;
 static Pixel near_[ROWS];
 static Key key[ROWS];
 static Node node[MOST_NODES];
-static int count, every, nodes, functions, unknowns, air, half; /* half: steps of the grid of heights */
+static int count, every, nodes, unknowns, air, half; /* half: steps of the grid of heights */
 static int first_stage;
 static double curve, pixel_m, bottom_y, taper_m, grid_low, grid_step, mean_width, floor_level, floor_sigma, floor_space;
-static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS];
+static int offset_of[FUNCTIONS], rank_of[SETS];
 static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES][FUNCTIONS];
 
 static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
 static double table_at[MOST_NODES][GRID][TABLES], value_at[MOST_NODES][GRID][FUNCTIONS], largest_at[MOST_NODES];
-static double neglected[MOST_NODES][GRID];           /* standard deviation of what bumps leave out */
+static double left_at[MOST_NODES][GRID];             /* standard deviation of what the functions leave */
 static double N[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE], U[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE];
 
 static Ray trace(const State *s, double column, double row) {
@@ -245,7 +242,7 @@ static double mean_at(const Place *at, int h) {
 static void look_up(const State *s, const Ray *a, Node *at) {
   enum { ENDS = 6 };
   static Place here, end[ENDS];
-  double line_fixed[3], along[LIMB_K + 1], source[2] = {0.0, 0.0};
+  double line_fixed[3], along[LIMB_K + 1], source = 0.0;
   memcpy(at->up, a->up, sizeof at->up);
   find(s, a->n, a->u, &here);
   THREE at->north[i] = (i == 2) - at->up[2] * at->up[i];
@@ -277,18 +274,15 @@ static void look_up(const State *s, const Ray *a, Node *at) {
     THREE up[i] = cos(angle) * a->n[i] - sin(angle) * a->u[i], line[i] = cos(angle) * a->u[i] + sin(angle) * a->n[i];
     find(s, up, LIMB_THERMAL ? a->u : line, &end[e]);
   }
-  /* Thermal means are moved by their own brightest height, the modes by that of the moved means. */
-  for (int pass = 0; pass < 2; pass++) {
-    double largest = largest_of(at->mean, 1, LIMB_H);
-    for (int h = 0; h < LIMB_H; h++)
-      if (at->mean[h] >= 0.5 * largest) source[pass] = limb_height_m[h];
-    for (int h = 0; h < LIMB_H; h++) {
-      double away = sqrt(fmax(2.0 * (source[pass] - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
-      if (!LIMB_THERMAL) place = clip((limb_height_m[h] - SUNLIT_M) / SUNLIT_STEP_M, 0.0, ENDS - 1.001);
-      int e = (int)place;
-      if (pass == 0) at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
-      for (int k = 0; k < LIMB_K; k++) at->ends[k][h] = exp(-0.5 * pow(away / along[k], 2.0));
-    }
+  double largest = largest_of(at->mean, 1, LIMB_H);
+  for (int h = 0; h < LIMB_H; h++)
+    if (at->mean[h] >= 0.5 * largest) source = limb_height_m[h];
+  for (int h = 0; h < LIMB_H; h++) {
+    double away = sqrt(fmax(2.0 * (source - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
+    if (!LIMB_THERMAL) place = clip((limb_height_m[h] - SUNLIT_M) / SUNLIT_STEP_M, 0.0, ENDS - 1.001);
+    int e = (int)place;
+    at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
+    for (int k = 0; k < LIMB_K; k++) at->ends[k][h] = exp(-0.5 * pow(away / along[k], 2.0));
   }
 }
 
@@ -318,7 +312,7 @@ static double correlation_of(const Node *i_, const Node *j, int set) {
   double d[3];
   THREE d[i] = i_->up[i] - j->up[i];
   double d2 = dot(d, d);
-  if (set >= LIMB_K) return exp(-0.5 * d2 / pow(set == LIMB_K ? LEFT_LENGTH : AIR_GAIN_LENGTH, 2.0));
+  if (set == LIMB_K) return exp(-0.5 * d2 / pow(AIR_GAIN_LENGTH, 2.0));
   double in2 = pow(i_->length[set][0], 2.0), ie2 = pow(i_->length[set][1], 2.0);
   double jn2 = pow(j->length[set][0], 2.0), je2 = pow(j->length[set][1], 2.0);
   double a = 0.5 * (ie2 + je2), b = 0.5 * (in2 - ie2) / a, c = 0.5 * (jn2 - je2) / a;
@@ -347,7 +341,7 @@ static void root_of_covariance(int set) {
     int largest = 0;
     for (int i = 1; i < nodes; i++)
       if (A[i][i] > A[largest][largest]) largest = i;
-    double size = sqrt(fmax(A[largest][largest], 0.0)) * (set == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0);
+    double size = sqrt(fmax(A[largest][largest], 0.0)) * (set == LIMB_K ? AIR_GAIN_SIGMA : 1.0);
     for (int i = 0; i < nodes; i++) wave[set][i][rank] = size * V[largest][i];
     sum += A[largest][largest], A[largest][largest] = -1.0;
   }
@@ -508,59 +502,36 @@ static int choose(State *s) {
   return 1;
 }
 
-static double height_of(double g) { return grid_low + g * grid_step - curve * pow(grid_low + g * grid_step, 2.0); }
-static double bump_at(int j, double h) { return cos(0.5 * PI * fmin(fabs(h - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M, 1.0)); }
+/* The covariance of a function's coefficients: a mode's, or the gain's. */
+static int set_of(int k) { return k <= LIMB_K ? k - 1 : k < FUNCTIONS - 1 ? limb_end[k - LIMB_K - 1] : LIMB_K; }
 
-/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns.
-   Functions that are small at all nodes are left out. */
+/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
 static void functions_of_air(void) {
-  static double shape[LIMB_H], left[MOST_NODES][GRID], spare[GRID];
-  int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0}, size = half + 1;
-  double largest[MOST_NODES], share;
-  for (int m = 0; m < nodes; m++) {
-    even(node[m].mean, transform[m][0]);
-    even(node[m].left, left[m]);
-    largest[m] = largest_of(transform[m][0], 1, size);
-    for (double g = 0.0; g < half; g += fmax(FINEST_STEP_M, pixel_m / BUMP_STEPS_PER_PIXEL) / grid_step) {
-      double h = height_of(g);
-      int at = before(limb_height_m, LIMB_H, h, &share);
-      double here = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * node[m].left[at] + share * node[m].left[at + 1];
-      for (int j = 0; j < BUMPS; j++) bump[j] |= here * bump_at(j, h) > LEAST_BUMP * largest[m];
-    }
-    for (int i = 0; i < LIMB_K * LIMB_H; i++)
-      second[i / LIMB_H] |= limb_height_m[i % LIMB_H] > grid_low && limb_height_m[i % LIMB_H] < grid_low + half * grid_step &&
-                            1.0 - pow(node[m].ends[i / LIMB_H][i % LIMB_H], 2.0) > LEAST_APART * LEAST_APART;
-  }
-  for (int g = 0; g < size; g++) {
-    double out = height_of(g) > LOWEST_BUMP_M + BUMP_M ? 1.0 : 0.0;
-    for (int j = 0; j < BUMPS; j++)
-      if (bump[j]) out = fmax(out - pow(bump_at(j, height_of(g)), 2.0), 0.0);
-    for (int m = 0; m < nodes; m++) neglected[m][g] = fmax(left[m][g], LEAST_LEFT * largest[m]) * sqrt(out);
-  }
+  static double shape[LIMB_H], spare[GRID];
+  int size = half + 1;
   for (int m = 0; m < nodes; m++) {
     double(*f)[GRID] = transform[m];
-    functions = 1;
-    for (int kind = 0; kind < 2 * LIMB_K + BUMPS + 1; kind++) {
-      int k = kind % LIMB_K, j = kind - 2 * LIMB_K, part = kind >= LIMB_K;
-      if (j < 0 ? part && !second[k] : first_stage || (j < BUMPS && !bump[j])) continue;
-      for (int h = 0; j < 0 && h < LIMB_H; h++)
-        shape[h] = node[m].modes[k][h] * (part ? sqrt(1.0 - pow(node[m].ends[k][h], 2.0)) : node[m].ends[k][h]);
-      if (j < 0) even(shape, f[functions]);
-      else
-        for (int g = 0; g < size; g++) f[functions][g] = j < BUMPS ? left[m][g] * bump_at(j, height_of(g)) : f[0][g];
-      set_of[functions] = j < 0 ? k : j < BUMPS ? LIMB_K : LIMB_K + 1, kind_of[functions++] = kind;
+    even(node[m].mean, f[0]);
+    even(node[m].left, left_at[m]);
+    for (int k = 1; k < FUNCTIONS - 1; k++) {
+      for (int h = 0; h < LIMB_H; h++) {
+        double alike = node[m].ends[set_of(k)][h];
+        shape[h] = node[m].modes[set_of(k)][h] * (k > LIMB_K ? sqrt(1.0 - alike * alike) : alike);
+      }
+      even(shape, f[k]);
     }
+    memcpy(f[FUNCTIONS - 1], f[0], sizeof f[0]);
     memset(spare, 0, sizeof spare);
-    for (int k = 0; k < functions; k += 2) cosines(f[k], k + 1 < functions ? f[k + 1] : spare, half, 1.0);
+    for (int k = 0; k < FUNCTIONS; k += 2) cosines(f[k], k + 1 < FUNCTIONS ? f[k + 1] : spare, half, 1.0);
     for (int g = 0; g < size; g++) {
       double frequency = g / (2.0 * half * grid_step), *box = node[m].box_m;
       double pixel = sinc(box[0] * frequency) * sinc(box[1] * frequency) / sinc(grid_step * frequency);
-      for (int k = 0; k < functions; k++) f[k][g] *= pixel;
+      for (int k = 0; k < FUNCTIONS; k++) f[k][g] *= pixel;
     }
   }
-  for (int k = 0; k < SETS; k++) root_of_covariance(k);
   air = 0;
-  for (int k = 1; k < functions; k++) offset_of[k] = air, air += rank_of[set_of[k]];
+  for (int k = 0; k < SETS; k++) root_of_covariance(k);
+  for (int k = 1; k < FUNCTIONS; k++) offset_of[k] = air, air += rank_of[set_of(k)];
   unknowns = air + SHARED;
 }
 
@@ -602,12 +573,12 @@ static void predict(const State *s) {
   static double re[2 * HALF], im[2 * HALF], change[2][GRID];
   lens(s->blur);
   for (int m = 0; m < nodes; m++) {
-    for (int k = 1; k < functions; k++)
-      coefficient[m][k] = product(wave[set_of[k]][m], s->z + offset_of[k], rank_of[set_of[k]]);
+    for (int k = 1; k < FUNCTIONS; k++)
+      coefficient[m][k] = product(wave[set_of(k)][m], s->z + offset_of[k], rank_of[set_of(k)]);
     memset(im, 0, sizeof im);
     for (int g = 0; g <= half; g++) {
       double sum = transform[m][0][g], slope = g < half ? PI * g / half : 0.0; /* of frequencies in steps of the grid */
-      for (int k = 1; k < functions; k++) sum += coefficient[m][k] * transform[m][k][g];
+      for (int k = 1; k < FUNCTIONS; k++) sum += coefficient[m][k] * transform[m][k][g];
       summed[m][g] = sum;
       change[0][g] = sum * mixed(s, m, g, SMOOTH_BY_BLUR);
       change[1][g] = sum * (lens_at[m][SAMPLED][g] - lens_at[m][SMOOTH][g]);
@@ -655,18 +626,18 @@ static int select_pixels(State *s, int window) {
   static double had[FUNCTIONS][MOST_NODES];
   int had_nodes = nodes;
   memset(had, 0, sizeof had);
-  for (int k = 1; k < functions; k++)
-    for (int m = 0; m < nodes; m++) had[kind_of[k]][m] = coefficient[m][k];
+  for (int k = 1; k < FUNCTIONS; k++)
+    for (int m = 0; m < nodes; m++) had[k][m] = coefficient[m][k];
   if (window && !choose(s)) return 0;
   functions_of_air();
   memset(s->z, 0, sizeof s->z);
-  for (int k = 1; had_nodes && k < functions; k++)
-    for (int j = 0; j < rank_of[set_of[k]]; j++) {
+  for (int k = 1; had_nodes && k < FUNCTIONS; k++)
+    for (int j = 0; j < rank_of[set_of(k)]; j++) {
       double sum = 0.0, squares = 0.0;
       for (int m = 0; m < nodes; m++) {
-        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[set_of[k]][m][j];
+        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[set_of(k)][m][j];
         int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
-        sum += w * ((at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i]), squares += w * w;
+        sum += w * ((at - i) * had[k][i + 1] + (i + 1 - at) * had[k][i]), squares += w * w;
       }
       s->z[offset_of[k] + j] = sum / squares;
     }
@@ -724,7 +695,7 @@ static void estimate_noise(const State *s) {
   double dark = variance_between(-1.0, DARK, largest[0]), bright = variance_between(BRIGHT, 2.0, largest[0]);
   for (int j = 0; j < count; j++) {
     Pixel *p = &near_[j];
-    const double *out = &neglected[p->node][p->place];
+    const double *out = &left_at[p->node][p->place];
     THREE part[j][i] /= largest[i];
     p->left = pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
     p->variance = fmax(dark + fmax(bright - dark, 0.0) * part[j][0], PIXEL_VARIANCE + p->left);
@@ -778,7 +749,7 @@ static void take_weights(void) {
 }
 
 /* Estimates the noise, and how many pixels count as one: what residuals show beyond dark pixels has the correlation of
-   their sums over squares, neglected air that of a bump's height and length. Not in the first stage, where a limb that is
+   their sums over squares, what modes leave that of some height and length. Not in the first stage, where a limb that is
    still displaced would hide in it. Returns the change of the variances' logarithms (rms). */
 static double weigh(const State *s) {
   static double before_[ROWS];
@@ -788,9 +759,9 @@ static double weigh(const State *s) {
   for (int i = 0; i < count; i++) shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
   double more = first_stage ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
   for (Pixel *p = near_; p < near_ + count; p++) {
-    double bump_px = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / every, 1.0);
+    double left_px = fmax(LEFT_M * sqrt(2.0 * PI) * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / every, 1.0);
     p->together = 1.0 + more * fmin(p->beyond / p->variance, 1.0);
-    if (!first_stage) p->together += (bump_px - 1.0) * fmin(p->left / p->variance, 1.0);
+    if (!first_stage) p->together += (left_px - 1.0) * fmin(p->left / p->variance, 1.0);
     p->together /= fmax(p->depth * p->depth * (3.0 - 2.0 * p->depth), LEAST_TAPER);
     changed += pow(log(p->variance * p->together / before_[p - near_]), 2.0) / count;
   }
@@ -869,13 +840,13 @@ static void gradient(const State *s, double *out) {
       out[air + SHARPNESS] += both * summed[m][g] * (lens_at[m][SAMPLED][g] - lens_at[m][SMOOTH][g]);
       to_all[g] = both * mixed(s, m, g, SMOOTH);
     }
-    for (int k = 1; k < functions; k++) pull[m][k] = product(to_all, transform[m][k], half + 1);
+    for (int k = 1; k < FUNCTIONS; k++) pull[m][k] = product(to_all, transform[m][k], half + 1);
   }
-  for (int j = 1; j < functions; j++)
-    for (int a = 0; a < rank_of[set_of[j]]; a++) {
+  for (int j = 1; j < FUNCTIONS; j++)
+    for (int a = 0; a < rank_of[set_of(j)]; a++) {
       double *sum = &out[offset_of[j] + a];
       *sum = -s->z[offset_of[j] + a];
-      for (int m = 0; m < nodes; m++) *sum += wave[set_of[j]][m][a] * pull[m][j];
+      for (int m = 0; m < nodes; m++) *sum += wave[set_of(j)][m][a] * pull[m][j];
     }
 }
 
@@ -883,8 +854,8 @@ static void gradient(const State *s, double *out) {
 static void tabulate(const State *s) {
   static double two[2][GRID];
   for (int m = 0; m < nodes; m++)
-    for (int k = 1; k < functions; k += 2) {
-      int other = k + 1 < functions ? k + 1 : k;
+    for (int k = 1; k < FUNCTIONS; k += 2) {
+      int other = k + 1 < FUNCTIONS ? k + 1 : k;
       for (int g = 0; g <= half; g++)
         two[0][g] = mixed(s, m, g, SMOOTH) * transform[m][k][g], two[1][g] = mixed(s, m, g, SMOOTH) * transform[m][other][g];
       cosines(two[0], two[1], half, 0.5 / half);
@@ -898,7 +869,7 @@ static void equations(const State *s) {
   static double own[MOST_NODES + 1][FUNCTIONS][FUNCTIONS], next[MOST_NODES][FUNCTIONS][FUNCTIONS], row[4][COLUMNS];
   static double shared[MOST_NODES + 1][FUNCTIONS][SHARED], square[COLUMNS][COLUMNS], pushed[MOST_NODES + 3][MOST_NODES + WIDE];
   double wanted[SHARED], information[SHARED], share[4];
-  int added = functions - 1, columns = 2 * added + SHARED;
+  int added = FUNCTIONS - 1, columns = 2 * added + SHARED;
   tabulate(s);
   priors(s, wanted, information);
   for (int j = 0; j < SHARED; j++)
@@ -933,11 +904,11 @@ static void equations(const State *s) {
       for (int k = 0; k <= j; k++) N[air + k][air + j] += square[2 * added + j][2 * added + k];
   }
   for (int j = 0; j < added; j++) {
-    double(*W)[MOST_NODES + WIDE] = wave[set_of[j + 1]];
-    int rank = rank_of[set_of[j + 1]], first = offset_of[j + 1];
+    double(*W)[MOST_NODES + WIDE] = wave[set_of(j + 1)];
+    int rank = rank_of[set_of(j + 1)], first = offset_of[j + 1];
     for (int k = j; k < added; k++) {
-      double(*V)[MOST_NODES + WIDE] = wave[set_of[k + 1]];
-      int other = rank_of[set_of[k + 1]];
+      double(*V)[MOST_NODES + WIDE] = wave[set_of(k + 1)];
+      int other = rank_of[set_of(k + 1)];
       for (int m = 0; m < nodes; m++)
         for (int b = 0; b < other; b++)
           pushed[m][b] = own[m][k][j] * V[m][b] + (m + 1 < nodes ? next[m][j][k] * V[m + 1][b] : 0.0) +
@@ -1102,7 +1073,7 @@ static int stage(State *s, double tolerance, double reselect_px, const char **re
   return 0;
 }
 
-/* The most probable state near a start, first with the modes alone and the lens held; returns the steps it took, 0
+/* The most probable state near a start, first with the lens held; returns the steps it took, 0
    without an answer, and says why. */
 static int search(State *s, const char **reason) {
   first_stage = 1;
@@ -1213,9 +1184,9 @@ static double explained(void) {
 /* The largest coefficient of any function in its own standard deviations. */
 static double improbable(void) {
   double most = 0.0;
-  for (int k = 1; k < functions; k++)
+  for (int k = 1; k < FUNCTIONS; k++)
     for (int m = 0; m < nodes; m++)
-      most = fmax(most, fabs(coefficient[m][k]) / (set_of[k] == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0));
+      most = fmax(most, fabs(coefficient[m][k]) / (k == FUNCTIONS - 1 ? AIR_GAIN_SIGMA : 1.0));
   return most;
 }
 

@@ -111,6 +111,54 @@ def run(
     return 1 if result.failed or (shard is None and not result.summary) else 0
 
 
+def budget(
+    suite: SuiteName,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the budget; created if missing.")],
+    window_s: Annotated[
+        float | None,
+        typer.Option(min=1e-3, help="Window of the knowledge errors [s]; a tenth of the longest flight without it."),
+    ] = None,
+    draws: Annotated[int, typer.Option(min=2, max=100, help="Draws of the detector's noise in every frame.")] = 4,
+    alone: Annotated[
+        bool, typer.Option("--alone", help="Also run every frame with one source on, as a check of every row.")
+    ] = False,
+    workers: Workers = None,
+    shard: Shard = None,
+    dask: Dask = None,
+    as_json: Json = False,
+) -> int:
+    """Pointing budget of a suite: each error source switched off in turn, on common draws.
+
+    Flights are the values of `calibration.draw`, or the orbits; samples of an orbit are times. Writes budget.csv,
+    budget.json and index.html. The same command resumes after an interruption.
+    """
+    from horizonval.api.run import execution_of
+    from horizonval.studies.budget.run import PAGE, run_budget
+    from horizonval.suites.suite import load_suite
+
+    loaded = load_suite(suite)
+    with resumable("budget", kept="frames") as progress:
+        execution = execution_of(workers, shard, dask)
+        result = run_budget(
+            loaded, out, window_s=window_s, draws=draws, alone=alone, execution=execution, progress=progress
+        )
+    print_result(result, as_json, [*_budget_lines(result), f"budget: {out / PAGE}"])
+    return 0
+
+
+def _budget_lines(result: dict[str, Any]) -> list[str]:
+    lines = []
+    for one in result["budgets"]:
+        lines.append(f"{one['camera']}, {one['method']}: {one['answered']} of {one['frames']} frames answered")
+        for row in [*one["rows"], {"title": "total", **one["whole"]}]:
+            sigmas = [row["axes"][axis]["mixed"] or 0.0 for axis in ("roll", "pitch")]
+            lines.append(f"  {row['title']:34} roll {sigmas[0]:8.2f}  pitch {sigmas[1]:8.2f} arcsec (1 sigma)")
+        for axis, closed in one["closure"].items():
+            words = "closes" if closed["closes"] else "does not close"
+            lines.append(f"  {axis}: {words}, rows {closed['sigma_rss']:.2f}, total {closed['sigma']:.2f} arcsec")
+    return lines
+
+
 def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
     """Rebuild the report of a run."""
     from horizonval.report import build_report

@@ -31,7 +31,7 @@ def _update(digest: Any, value: object) -> None:
     if isinstance(value, np.ndarray):
         array = np.ascontiguousarray(value)
         digest.update(f"array {array.dtype.str} {array.shape}:".encode())
-        digest.update(array.tobytes())
+        digest.update(array.data)
     elif is_dataclass(value) and not isinstance(value, type):
         digest.update(f"{type(value).__qualname__}:".encode())
         for field in fields(value):

@@ -26,13 +26,14 @@ from horizonval.renderer.kernel.cells import Cells, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.march import march
-from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes
+from horizonval.renderer.kernel.node_batches import ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.frame_tables import FrameTables, LitRays
+from horizonval.renderer.view_table.sunlit_air import Light, lights_of
 
 NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
 """Slots of cells, the share of each, and the radiance of every spectral node of a batch."""
@@ -87,16 +88,14 @@ def render_bands(
     channels = _Channels(cells)
     energy_of = {band: f"energy of {band}" for band in bands if band not in emitted}
     batches = [(group, batch.under(view.gap_maps) if view.gap_maps else batch) for group, batch in batches]
-    hits: list[SurfaceLook] = []
-    tables: FrameTables | None = None
+    solar = [batch for _, batch in batches]
+    lights = lights_of(view, solar, nodes, accuracy)
+    hits = surface_looks(view, cells) if batches else []
+    tables = None
+    if digest is not None and batches:
+        tables = FrameTables.of(view, cells, (hits[0].ground, hits[0].limb), lights, digest, accuracy)
     for number, (group, batch) in enumerate(batches):
-        if not hits:
-            hits = surface_looks(view, cells)
-            if digest is not None:
-                tables = FrameTables.of(
-                    view, cells, (hits[0].ground, hits[0].limb), [b for _, b in batches], nodes, digest, accuracy
-                )
-        parts = list(node_parts(view, cells, hits, group, batch, nodes, tables, number))
+        parts = list(node_parts(view, cells, hits, group, batch, lights, tables, number))
         own = list(dict.fromkeys(node.band for node in group))
         weights = [[n.weight * (n.band == band) for n in group] for band in own]
         weights += [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
@@ -152,7 +151,7 @@ def node_parts(
     hits: list[SurfaceLook],
     group: list[SpectralNode],
     batch: SolarNodes,
-    nodes: int,
+    lights: Sequence[Light],
     tables: FrameTables | None = None,
     number: int = 0,
 ) -> Iterator[NodePart]:
@@ -168,24 +167,22 @@ def node_parts(
         return hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
 
     def march_light(
-        direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
+        light: Light, lit: ShiningNodes, direction: Vec, to_ground: bool, hit: SurfaceHit | None
     ) -> tuple[Values, Values]:
-        # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
         factors = None
         if isinstance(lit, SolarNodes) and lit.bounce is not None:
             cloud = None if hit is None else (hit.cloud, hit.t)
-            local = LocalLight.of(view).factors(lit, light, direction, to_ground, cloud)
+            local = LocalLight(view).factors(lit, light.direction, direction, to_ground, cloud)
             factors = None if local is None else (local.air, local.sky)
-        top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
         return march(
             view.planet,
-            top_m,
+            light.top_m,
             lit,
             view.origin,
             direction,
-            light,
+            light.direction,
             mi.Bool(to_ground),
-            n,
+            light.nodes,
             of_batch(hit),
             factors,
         )
@@ -194,36 +191,28 @@ def node_parts(
         rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None], seen: LitRays | None
     ) -> tuple[Values, Values]:
         """Add up the lights: the Sun, the Moon, the air itself. The march is linear in them."""
-        lights: list[tuple[str, ShiningNodes, Vec, SurfaceHit | None]] = [("sun", batch, view.sun, hits_under[0])]
-        if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
-            lights.append(("moon", batch.in_moonlight(), view.moon.light, hits_under[1]))
-        if batch.glow is not None:
-            lights.append(("glow", batch.glow, view.sun, hits_under[0]))
-        if view.sunless and len(lights) > 1:
-            del lights[0]
-        if tables is not None and seen is not None:
-            lights = [light for light in lights if light[0] in seen.looked] or lights[:1]
-
-        def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
-            if tables is None or seen is None:
-                result = march_light(rays.direction, to_ground, lit, light, hit)
-                dr.eval(result)
-                return result
-            return tables.shine(seen, name, number, of_batch(hit))
-
-        radiance, transmittance = shine(*lights[0])
-        for light in lights[1:]:
-            more, _ = shine(*light)
-            radiance = [a + b for a, b in zip(radiance, more, strict=True)]
+        shining = [light for light in lights if light.batches[number] is not None]
+        if seen is not None:
+            shining = [light for light in shining if light.name in seen.looked] or shining[:1]
+        total: list[tuple[Values, Values]] = []
+        for light in shining:
+            hit, lit = hits_under[1 if light.name == "moon" else 0], light.batches[number]
+            assert lit is not None
+            if tables is not None and seen is not None and light.name in seen.looked:
+                total.append(tables.shine(seen, light.name, number, of_batch(hit)))
+            else:
+                total.append(march_light(light, lit, rays.direction, to_ground, hit))
+                dr.eval(total)
+        radiance = [sum(parts, start=mi.Float64(0.0)) for parts in zip(*(r for r, _ in total), strict=True)]
         dr.eval(radiance)
-        return radiance, transmittance
+        return radiance, total[0][1]
 
     sky = [dr.opaque(mi.Float64, n.sky_radiance, 1) for n in group] if any(n.sky_radiance for n in group) else []
 
     def past_clouds(disc: DiscCells, hit: SurfaceHit | None) -> Values:
         # of which nothing but the transmittance is evaluated
         dark = replace(batch, diffuse=None, bounce=None)
-        _, transmittance = march_light(disc.direction, False, dark, view.sun, None)
+        _, transmittance = march_light(lights[0], dark, disc.direction, False, None)
         dr.eval(transmittance)
         return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
 

@@ -188,12 +188,12 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     """Return the text of a header.
 
     ``value = scale[a][b] * whole[a][b][h]``; ``LIMB_FIRST`` is the Sun's zenith angle [rad] or the latitude [rad],
-    ``LIMB_SECOND`` the Sun's azimuth from the line of sight [rad] or the month. Slopes are matrices from the values on
-    an axis to the slopes of the spline through them.
+    ``LIMB_SECOND`` the Sun's azimuth from the line of sight [rad] or the month; ``limb_end`` are the modes of the air.
+    Slopes are matrices from the values on an axis to the slopes of the spline through them.
     """
     a, b, k, h = table.modes.shape
-    # of sunlit tables only; thermal ones are linear
-    (zenith, zenith_slopes), (_, second_slopes) = table.splines
+    zenith, zenith_slopes, second_slopes = _slopes(table)
+    air = np.flatnonzero(np.array(table.mode_kinds) == "air")
     lines = [
         "/* Profiles of the limb, made by `horizonval templates SUITE -o table.h`.",
         *textwrap.wrap(comment, 100, initial_indent="   ", subsequent_indent="   "),
@@ -206,6 +206,8 @@ def header_text(table: LimbTemplates, comment: str) -> str:
         f"#define LIMB_B {b}",
         f"#define LIMB_K {k}",
         f"#define LIMB_H {h}",
+        f"#define LIMB_ENDS {len(air)}",
+        _whole("limb_end", "LIMB_ENDS + 1", np.append(air, 0).astype(np.int8), "int8_t"),
         _floats("limb_band_um", "2", np.array(table.band_um)),
         _floats("limb_first", "LIMB_A", table.axes[0]),
         _floats("limb_second", "LIMB_B", table.axes[1]),
@@ -224,7 +226,12 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     none = np.zeros((a, b, 1, h))
     for name, values, shape, kind in (
         ("mean", table.mean, "LIMB_A * LIMB_B * LIMB_H", np.int16),
-        ("modes", np.concatenate([table.modes, none], axis=2), "LIMB_A * LIMB_B * (LIMB_K + 1) * LIMB_H", np.int8),
+        (
+            "modes",
+            np.concatenate([table.modes * table.prior_sigmas, none], axis=2),
+            "LIMB_A * LIMB_B * (LIMB_K + 1) * LIMB_H",
+            np.int8,
+        ),
         ("left", table.left_sigma, "LIMB_A * LIMB_B * LIMB_H", np.int8),
     ):
         scale, whole = quantised(values, kind)
@@ -233,6 +240,15 @@ def header_text(table: LimbTemplates, comment: str) -> str:
             _whole(f"limb_{name}", shape, whole.ravel(), "int16_t" if kind is np.int16 else "int8_t"),
         ]
     return "\n".join([*lines, "#endif", ""])
+
+
+def _slopes(table: LimbTemplates) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the first axis and the slopes of its and the second axis's splines; a thermal table's are linear: 0."""
+    if table.band_kind == "thermal":
+        first, second = table.axes
+        return first, np.zeros((len(first), len(first))), np.zeros((len(second), len(second)))
+    zenith, azimuth = table.splines
+    return zenith.x, zenith(zenith.x, 1), azimuth(azimuth.x, 1)
 
 
 def _floats(name: str, shape: str, values: FloatArray) -> str:

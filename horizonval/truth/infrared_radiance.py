@@ -32,11 +32,12 @@ heights only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
@@ -111,16 +112,14 @@ class RayPath:
     sin_latitude: FloatArray
     level: FloatArray | None = None
 
-    def parts(self, azimuths: int) -> Iterator[RayPath]:
-        """Yield the rays of a few azimuths at a time."""
-        for first in range(0, len(self.distance), azimuths):
-            few = slice(first, first + azimuths)
-            yield replace(
-                self,
-                distance=self.distance[few],
-                sin_latitude=self.sin_latitude[few],
-                level=None if self.level is None else self.level[few],
-            )
+    def part(self, few: slice) -> RayPath:
+        """Return the rays of some azimuths."""
+        return replace(
+            self,
+            distance=self.distance[few],
+            sin_latitude=self.sin_latitude[few],
+            level=None if self.level is None else self.level[few],
+        )
 
     def metres_per_u(self, u: FloatArray) -> FloatArray:
         """Return ds/du [m^0.5], shape (azimuths, points)."""
@@ -265,30 +264,29 @@ def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
 class PointsInAir:
     """Points of rays, shape (points, azimuths), between columns and heights of a medium; one azimuth in uniform air.
 
-    ``weights``: sparse matrix, shape (points x azimuths, columns x heights), with the neighbours of each point.
+    ``columns``: the columns that they lie between. ``weights``: sparse matrix, shape (points x azimuths, columns x
+    heights), with the neighbours of each point.
     """
 
     shape: tuple[int, int]
+    columns: NDArray[np.intp]
     weights: csr_array
 
 
 class BandMedium:
-    """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
+    """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent.
+
+    A column is computed when rays first pass it.
+    """
 
     def __init__(self, band: EmittingBand, heights: StraightHeights | None = None) -> None:
-        extinction, source = (np.moveaxis(column, 0, -1) for column in band.columns())
-        self.count = extinction.shape[-1]
+        self._band, self._source = band, band.source_spline()
+        self.count, z = band.count, band.altitude_m
+        self.altitude_m = z if heights is None else heights.of(z)
+        self._stretch = np.ones_like(z) if heights is None else np.interp(z, heights.altitude_m, heights.stretch)
         # Side by side: both of a point's neighbour lie together.
-        both = np.empty((*extinction.shape[:2], 2 * self.count))
-        both[..., self.count :] = source
-        if heights is None:
-            self.altitude_m = band.altitude_m
-            both[..., : self.count] = extinction
-        else:
-            self.altitude_m = heights.of(band.altitude_m)
-            stretch = np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
-            np.multiply(extinction, stretch[:, None], out=both[..., : self.count])
-        self._both = both.reshape(-1, 2 * self.count)
+        self._both = np.empty((len(band.temperature_k), len(z), 2 * band.count))
+        self._made = np.zeros(len(band.temperature_k), dtype=bool)
         self.sin_latitude = band.sin_latitude
         self.edges_m = layer_edges_m(band, self.altitude_m)
         self.column_map = band.column_map
@@ -296,7 +294,7 @@ class BandMedium:
     @property
     def absorbs(self) -> bool:
         """Whether there is anything in it that a ray could notice."""
-        return bool(self._both[:, : self.count].max() > 1e-30)
+        return bool(self._band.ln_extinction.max() > math.log(1e-30) or len(self._band.layers))
 
     @property
     def top_m(self) -> float:
@@ -308,16 +306,12 @@ class BandMedium:
         """Whether the air is the same everywhere."""
         return self.column_map is None and len(self.sin_latitude) == 1
 
-    def lies_as(self, other: BandMedium) -> bool:
-        """Whether points lie between the same columns and heights, and paths are cut at the same places."""
-        here, there = self.column_map, other.column_map
-        if here is None or there is None:
-            alike = here is there and np.array_equal(self.sin_latitude, other.sin_latitude)
-        else:
-            alike = (here.half, here.count) == (there.half, there.count) and np.array_equal(here.axes, there.axes)
-        return (
-            alike and np.array_equal(self.altitude_m, other.altitude_m) and np.array_equal(self.edges_m, other.edges_m)
-        )
+    @property
+    def layout(self) -> tuple[bytes, ...]:
+        """What points in it depend on: where columns, heights and edges of layers are."""
+        lattice = self.column_map
+        columns = [] if lattice is None else [lattice.axes, np.array([lattice.half, lattice.count])]
+        return tuple(part.tobytes() for part in (self.altitude_m, self.sin_latitude, self.edges_m, *columns))
 
     def points(self, path: RayPath, u: FloatArray) -> PointsInAir:
         """Return where points of rays lie: between two heights, and two rows of latitude or four columns of a map."""
@@ -327,19 +321,30 @@ class BandMedium:
         columns = self._columns(path, u)
         shape = (len(u), columns[0][1].shape[0])
         index, weight = np.empty((*shape, 2 * len(columns)), dtype=np.int32), np.empty((*shape, 2 * len(columns)))
+        passed = np.zeros(len(self._made), dtype=bool)
         for n, (column, share) in enumerate(columns):
+            passed[column] = True
             index[..., 2 * n] = (column * len(self.altitude_m) + i).T
             index[..., 2 * n + 1] = index[..., 2 * n] + 1
             weight[..., 2 * n] = (share * (1.0 - w)).T
             weight[..., 2 * n + 1] = (share * w).T
         ends = np.arange(0, index.size + 1, index.shape[-1], dtype=np.int32)
-        matrix = csr_array((weight.ravel(), index.ravel(), ends), shape=(len(ends) - 1, len(self._both)))
-        return PointsInAir(shape, matrix)
+        nodes = len(self._made) * len(self.altitude_m)
+        matrix = csr_array((weight.ravel(), index.ravel(), ends), shape=(len(ends) - 1, nodes))
+        return PointsInAir(shape, np.flatnonzero(passed), matrix)
 
     def at(self, points: PointsInAir) -> tuple[FloatArray, FloatArray]:
         """Return extinction and source, shape (points, azimuths, g), by one product with a sparse matrix."""
-        both = np.asarray(points.weights @ self._both).reshape(*points.shape, -1)
+        self._make(points.columns[~self._made[points.columns]])
+        both = np.asarray(points.weights @ self._both.reshape(-1, 2 * self.count)).reshape(*points.shape, -1)
         return both[..., : self.count], both[..., self.count :]
+
+    def _make(self, columns: NDArray[np.intp]) -> None:
+        if len(columns):
+            some, z = self._band.of_columns(columns), self._band.altitude_m
+            self._both[columns, :, : self.count] = np.moveaxis(some.extinction_at(z), 0, -1) * self._stretch[:, None]
+            self._both[columns, :, self.count :] = self._source(some.air_k(z))
+            self._made[columns] = True
 
     def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
         """Return the columns about the points of rays, and their weights, shape (azimuths, points) each."""
@@ -382,27 +387,23 @@ def limb_radiances(airs: Sequence[BandMedium], rays: Sequence[RayPath], *, step_
     The camera is above the air. ``step_m`` is the thickness of the shells; 1 km leaves 1e-4 of the plateau. Bands whose
     air has the same layout share the positions of points in it.
     """
-    kinds: list[list[int]] = []
-    for k, air in enumerate(airs):
-        alike = next((kind for kind in kinds if airs[kind[0]].lies_as(air)), None)
-        if alike is None:
-            kinds.append([k])
-        else:
-            alike.append(k)
-    columns: list[list[FloatArray]] = [[] for _ in airs]
-    for path in rays:
-        for kind in kinds:
-            first = airs[kind[0]]
-            u = _cuts(path, path.lowest_m, step_m, first.edges_m)
-            u = np.concatenate([-u[:0:-1], u])
-            parts: list[list[FloatArray]] = [[] for _ in kind]
-            for few in path.parts(_AZIMUTHS_AT_ONCE):
-                points, metres_per_u = first.points(few, u), few.metres_per_u(u).T[..., None]
-                for k, radiances in zip(kind, parts, strict=True):
-                    radiances.append(_integrate(*airs[k].at(points), metres_per_u, u)[0].sum(axis=-1))
-            for k, radiances in zip(kind, parts, strict=True):
-                columns[k].append(np.concatenate(radiances))
-    return [np.stack(each, axis=-1) for each in columns]
+    found = [np.zeros((len(rays[0].distance) if rays else 0, len(rays))) for _ in airs]
+    for few in (slice(k, k + _AZIMUTHS_AT_ONCE) for k in range(0, len(found[0]) if airs else 0, _AZIMUTHS_AT_ONCE)):
+        # One band after the other: the columns around a few azimuths stay in a processor's cache.
+        passed: dict[tuple[bytes, ...], list[tuple[PointsInAir, FloatArray, FloatArray]]] = {}
+        for air, radiance in zip(airs, found, strict=True):
+            if air.layout not in passed:
+                passed[air.layout] = [_through(air, path.part(few), step_m) for path in rays]
+            for n, (points, metres_per_u, u) in enumerate(passed[air.layout]):
+                radiance[few, n] = _integrate(*air.at(points), metres_per_u, u)[0].sum(axis=-1)
+    return found
+
+
+def _through(air: BandMedium, path: RayPath, step_m: float) -> tuple[PointsInAir, FloatArray, FloatArray]:
+    """Return the points of rays past the ground, ds/du there, and u."""
+    u = _cuts(path, path.lowest_m, step_m, air.edges_m)
+    u = np.concatenate([-u[:0:-1], u])
+    return air.points(path, u), path.metres_per_u(u).T[..., None], u
 
 
 def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
@@ -448,11 +449,11 @@ def _integrate(
     near, far = source[:-2:2], source[2::2]
     np.minimum(depth, _OPAQUE, out=depth)
     e = np.exp(-depth)
+    # One of the two is at the threshold: without a choice between arrays, which takes as long as all the rest.
     thick, thin = np.maximum(depth, _THIN), np.minimum(depth, _THIN)
-    within = np.exp(-thick)
+    within = np.minimum(e, math.exp(-_THIN))
     b = (1.0 - within) / thick
     bulge = 6.0 * (1.0 + within - 2.0 * b) / thick
-    # One of the two is at the threshold: without a choice between arrays, which takes as long as all the rest.
     b += _thin_b(thin) - _thin_b(_THIN)
     bulge += _thin_bulge(thin) - _thin_bulge(_THIN)
     mean -= 0.5 * (near + far)
@@ -462,11 +463,9 @@ def _integrate(
     b *= far
     emitted += b
     emitted += mean
-    behind = np.minimum(np.cumsum(depth, axis=0), 8.0 * _OPAQUE)
-    passed = np.exp(-behind[-1])
-    depth -= behind
-    emitted *= np.exp(depth, out=depth)
-    return emitted.sum(axis=0), passed
+    passed = np.cumprod(e, axis=0)
+    emitted[1:] *= passed[:-1]
+    return emitted.sum(axis=0), passed[-1]
 
 
 def _thin_b(depth: FloatArray | float) -> FloatArray | float:

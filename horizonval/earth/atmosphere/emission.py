@@ -216,15 +216,17 @@ class EmittingBand:
         """Return the extinction [1/m] at heights (n,), shape (g, m, n)."""
         i, w = self._locate(altitude_m)
         z = np.asarray(altitude_m, dtype=np.float64)
-        gas = np.empty((*self.ln_extinction.shape[:2], len(z)))
-        # Hundreds of columns of one g point stay in a processor's cache, those of all do not.
-        for of_point, ln_levels in zip(gas, self.ln_extinction, strict=True):
-            np.exp(ln_levels[:, i] * (1.0 - w) + ln_levels[:, i + 1] * w, out=of_point)
+        share = w[:, None]
+        gas = np.empty((self.ln_extinction.shape[1], len(z), self.count))
+        # The g points of a column lie side by side, as kernels and rays read them; one column stays in a cache.
+        for column, ln_levels in zip(gas, np.moveaxis(self.ln_extinction, 1, 0), strict=True):
+            ln = np.ascontiguousarray(ln_levels.T)
+            np.exp(ln[i] * (1.0 - share) + ln[i + 1] * share, out=column)
         if self.ground_m.any():
-            gas *= self._above_ground(z)
-        if not len(self.layers):
-            return gas
-        return gas + np.stack([np.interp(z, self.altitude_m, row) for row in self.layer_per_m])[:, None, :]
+            gas *= self._above_ground(z)[..., None]
+        if len(self.layers):
+            gas += np.stack([np.interp(z, self.altitude_m, row) for row in self.layer_per_m], axis=-1)
+        return np.moveaxis(gas, -1, 0)
 
     def _above_ground(self, z: FloatArray) -> FloatArray:
         """Return the share of the air around heights (n,) above the ground of each column, shape (m, n)."""

@@ -20,8 +20,7 @@ Where the blur varies over the field, the transform is
 
 with ``r_b`` the blur at some angles from the axis relative to a common one, and ``w_b`` the interpolation weights of a
 position. A round aperture multiplies it by ``(2 a - sin 2 a) / pi``, ``cos a = w d m / 2 pi`` with ``d = lambda N`` in
-pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), at the mean wavelength. For samples at whole pixels, nine
-frequencies a whole number per pixel apart are then summed.
+pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), at the mean wavelength.
 
 The profiles are continued evenly at both ends of the grid, so that a level there goes on: cosine transforms. They are
 transformed once; a step of a fit computes the products only.
@@ -33,9 +32,7 @@ and derivatives are of one smooth function. Its coefficients are the samples ove
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -45,8 +42,6 @@ from horizonval.estimation.observation import Lens
 
 REACH_BLURS = 5.0
 """Range of sampled sums, in blurs: 4e-6 of the central sample."""
-LEAST_BLUR_PX = 0.15
-"""Smallest blur; below it only the central sample remains."""
 AROUND = np.arange(-1, 3)
 """Places of the grid whose coefficients make a spline between one place and the next."""
 
@@ -86,7 +81,8 @@ class BlurredProfiles:
         self._wave = 2.0 * np.pi * frequency
         self._turns = np.cos(2.0 * np.pi * np.array([by_column, by_row]))
         self._wave_px = np.hypot(*boxes_m.T)[:, None] * self._wave
-        self._aperture = _Aperture.of(lens.diffraction_px, by_column, by_row) if lens.diffraction_px else None
+        if lens.diffraction_px:
+            self._pixel *= _through_aperture(np.hypot(by_column, by_row) * lens.diffraction_px)
         self._known_parts: dict[float, FloatArray] = {}
 
     @cached_property
@@ -129,8 +125,7 @@ class BlurredProfiles:
     def _parts(self, blur_px: float) -> FloatArray:
         """Return the smooth and the sampled lens's transform, and both's change by the blur, shape (4, m, f)."""
         if blur_px not in self._known_parts:
-            one = self._gaussian if self._aperture is None else self._aperture.parts
-            each = (one(float(ratio) * blur_px) for ratio in self._ratios)
+            each = (self._gaussian(float(ratio) * blur_px) for ratio in self._ratios)
             mixed = (share[:, None] * part for share, part in zip(self._shares, each, strict=True))
             # A step asks three times for one blur.
             self._known_parts = {blur_px: reduce(np.add, mixed)}
@@ -139,9 +134,10 @@ class BlurredProfiles:
     def _gaussian(self, blur_px: float) -> FloatArray:
         """Return :meth:`_parts` of one Gaussian."""
         smooth = np.exp(-0.5 * (blur_px * self._wave_px) ** 2)
+        least_px = 0.15  # below it only the central sample remains
         place = np.arange(1, int(np.ceil(REACH_BLURS * blur_px)) + 1)
-        weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, LEAST_BLUR_PX)) ** 2)
-        steeper = weight * (place / max(blur_px, LEAST_BLUR_PX)) ** 2
+        weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, least_px)) ** 2)
+        steeper = weight * (place / max(blur_px, least_px)) ** 2
         # Chebyshev: cos (k + 1) x = 2 cos x cos k x - cos (k - 1) x.
         before, now = np.ones_like(self._turns), self._turns
         total, by_blur = np.ones_like(self._turns), np.zeros_like(self._turns)
@@ -154,45 +150,6 @@ class BlurredProfiles:
         change = (by_blur - one_way * steeper.sum()) * scale
         sampled, sampled_by_blur = one_way[0] * one_way[1], change[0] * one_way[1] + one_way[0] * change[1]
         return np.array([smooth, sampled, -((blur_px * self._wave_px) ** 2) * smooth, sampled_by_blur])
-
-
-@dataclass(frozen=True, eq=False)
-class _Aperture:
-    """A lens behind a round aperture, as a Gaussian makes it softer.
-
-    ``square``: shape (m, f), of the frequencies, per pixel; ``transfer``: shape (m, f), of the aperture alone;
-    ``squares``, ``transfers``: shape (9, m, f), of the frequencies that samples at whole pixels take for these: each
-    brought near 0, and its eight neighbours; ``at_zero``: shape (9,), both of frequency 0.
-    """
-
-    square: FloatArray
-    transfer: FloatArray
-    squares: FloatArray
-    transfers: FloatArray
-    at_zero: tuple[FloatArray, FloatArray]
-
-    @classmethod
-    def of(cls, diffraction_px: float, by_column: FloatArray, by_row: FloatArray) -> _Aperture:
-        """Build from frequencies along columns and rows, per pixel, shape (m, f) each."""
-        places = np.array(list(product((-1.0, 0.0, 1.0), repeat=2)))
-        column, row = by_column - np.rint(by_column), by_row - np.rint(by_row)
-        square = by_column**2 + by_row**2
-        squares = np.array([(column + i) ** 2 + (row + j) ** 2 for i, j in places])
-        zero = np.sum(places**2, axis=1)
-        transfer, transfers, of_zero = (_through_aperture(np.sqrt(v) * diffraction_px) for v in (square, squares, zero))
-        return cls(square, transfer, squares, transfers, (zero, of_zero))
-
-    def parts(self, blur_px: float) -> FloatArray:
-        """Return :meth:`BlurredProfiles._parts` of one Gaussian."""
-        steep = 2.0 * np.pi**2 * blur_px**2
-        smooth = self.transfer * np.exp(-steep * self.square)
-        each = self.transfers * np.exp(-steep * self.squares)
-        each_zero = self.at_zero[1] * np.exp(-steep * self.at_zero[0])
-        scale = 1.0 / each_zero.sum()
-        sampled = scale * each.sum(axis=0)
-        by_blur = -2.0 * steep * scale * np.einsum("kmf,kmf->mf", each, self.squares)
-        by_blur += 2.0 * steep * scale * float(each_zero @ self.at_zero[0]) * sampled
-        return np.array([smooth, sampled, -2.0 * steep * self.square * smooth, by_blur])
 
 
 def _through_aperture(v: FloatArray) -> FloatArray:

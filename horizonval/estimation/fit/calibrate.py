@@ -2,17 +2,15 @@
 
 Every image is a shot of one bundle (:mod:`.bundle`), by the whole profile of the limb where tables of its air exist,
 else by its edge. Focal length, principal point, distortion, mounting and the mean height of all limbs are shared; pose,
-radiance, blur and air are unknowns of each image. The claim is the covariance of what is shared.
+radiance, blur and air are unknowns of each image. Every image is fitted alone first, with the camera as given and the
+mounting free; images for which that fails are left out. The claim is the covariance of what is shared.
 
-**Start.** Every image is fitted alone first, with the camera as given and the mounting free. An image that cannot be
-fitted so is left out.
-
-**Degenerate cases.** A disc of one size fits a short focal length under a low orbit and a long one under a high orbit:
-where the limb stays at one position in the image, focal length is known only as well as the limb's angular radius, ``d
-ln f ~ (dh / d) / (sin rho cos rho)`` with ``d`` the distance to the limb, and the height of all limbs is one unknown
-with the prior's whole sigma. Attitudes that move the limb across the image determine it. Principal point and mounting
-move the limb equally except for the square of the field; the yaw of the mounting about the nadir is seen through the
-Earth's flattening and other rolls alone. What the images do not determine keeps its prior, and is named.
+**Degenerate cases.** Where the limb stays at one position in the image, focal length is known only as well as the
+limb's angular radius, ``d ln f ~ (dh / d) / (sin rho cos rho)`` with ``d`` the distance to the limb, and the height of
+all limbs is one unknown with the prior's whole sigma. Attitudes that move the limb across the image determine it.
+Principal point and mounting move the limb equally except for the square of the field; the yaw of the mounting about the
+nadir is seen through the Earth's flattening and other rolls alone. What the images do not determine keeps its prior,
+and is named.
 
 **Neglected.** Errors of the stated attitude and position that successive images share, except a turn of the mounting.
 Images of one location see the same air: the claim is then too small.
@@ -22,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,8 +30,8 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.estimation.fit.bundle import HEIGHT, SHARED, TURN, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS
-from horizonval.estimation.fit.known import EllipsoidStart, ellipsoid_start, limb_height_prior
-from horizonval.estimation.fit.known_profile import KnownProfile, known_profile
+from horizonval.estimation.fit.known import ellipsoid_start, limb_height_prior
+from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import profile_shot
@@ -45,7 +42,6 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import compose
 
-Known = TypeVar("Known")
 METHOD = "limb-calibrate"
 FOCAL, POINT, BEND = 0, slice(1, 3), 3
 """Places of focal length, principal point and distortion among the shared unknowns; see :mod:`.bundle`."""
@@ -56,13 +52,8 @@ FEW = SolverOptions(stages=(Stage(pixels=1500, tolerance=1.0, settle=False),))
 ALL = SolverOptions(stages=(Stage(tolerance=0.1),))
 """Settings of the last fit: to a tenth of a standard deviation, a hundredth of the claimed variance."""
 NAMES = (
-    "focal length",
-    "principal point u",
-    "principal point v",
-    "distortion",
-    "mounting x",
-    "mounting y",
-    "mounting z",
+    *("focal length", "principal point u", "principal point v", "distortion"),
+    *("mounting x", "mounting y", "mounting z"),
 )
 """Names of a covariance's rows."""
 
@@ -99,10 +90,6 @@ class CameraCalibration:
         # Images determine an unknown whose standard deviation they halve.
         open_ = self.sigma > 0.5 * self.prior_sigma
         return tuple(name for k, name in enumerate(NAMES) if open_[k] and k != BEND)
-
-    def __repr__(self) -> str:
-        percent = 100.0 * self.sigma[FOCAL]
-        return f"<CameraCalibration fx {self.camera.fx:.4f} px to {percent:.4f} %, {self.frames} images>"
 
 
 def calibrate(observations: Sequence[Observation], progress: Progress | None = None) -> CameraCalibration | Refusal:
@@ -173,15 +160,18 @@ def gather(observations: Sequence[Observation], progress: Progress) -> Gathered 
 
 def profiles_of(observations: Sequence[Observation], progress: Progress) -> Gathered | Refusal:
     """Return the bundle of images that are fitted by whole profiles of the limb."""
-    first = observations[0]
-    sigmas = prior_sigmas(first, first.prior.air_height_sigma_m)
+    sigmas = prior_sigmas(observations[0], observations[0].prior.air_height_sigma_m)
 
-    def shot_of(known: KnownProfile, camera: CameraModel) -> Shot:
+    def shot_of(observation: Observation) -> Shot | Refusal:
+        known = known_profile(observation, METHOD)
+        if isinstance(known, Refusal):
+            return known
+        camera, knowledge = observation.camera, known.knowledge
         start = known.start(camera, float(np.hypot(known.tilt_sigma_rad, sigmas[TURN].max())))
-        image = ProfileImage(known.picture.unclipped, camera, known.knowledge)
-        return profile_shot([image], ShotPrior(known.knowledge.mean, known.knowledge.information), start)
+        image = ProfileImage(known.picture.unclipped, camera, knowledge)
+        return profile_shot([image], ShotPrior(knowledge.mean, knowledge.information), start)
 
-    return _gathered(observations, sigmas, known_profile, shot_of, progress)
+    return _gathered(observations, sigmas, shot_of, progress)
 
 
 def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathered | Refusal:
@@ -192,40 +182,39 @@ def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathere
         # The model's edge may be displaced by the same share of a pixel in all images.
         radius_m = first.prior.sphere_radius_m if first.prior.shape == "sphere" else WGS84.a_m
         misplaced_m = MISPLACED_PX * pixel_at_limb_m(first.camera, first.prior.r_itrs, radius_m)
-    sigmas = prior_sigmas(first, float(np.hypot(limb_height_prior(first)[1], misplaced_m)))
-    return _gathered(observations, sigmas, ellipsoid_start, edge_shot, progress)
 
+    def shot_of(observation: Observation) -> Shot | Refusal:
+        start = ellipsoid_start(observation, METHOD)
+        if isinstance(start, Refusal):
+            return start
+        image, known = EdgeImage(start.picture.grey, observation.camera, np.eye(3)), start.knowledge
+        # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
+        chooser = EdgeChooser([image], known, whole=1.0)
+        return Shot(chooser, ShotPrior(known.mean, known.information), chooser.start(start.pose))
 
-def edge_shot(start: EllipsoidStart, camera: CameraModel) -> Shot:
-    """Return the shot of an image near its limb."""
-    image, knowledge = EdgeImage(start.picture.grey, camera, np.eye(3)), start.knowledge
-    # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
-    chooser = EdgeChooser([image], knowledge, whole=1.0, scaled=True)
-    return Shot(chooser, ShotPrior(knowledge.mean, knowledge.information), chooser.start(start.pose))
+    height_m = float(np.hypot(limb_height_prior(first)[1], misplaced_m))
+    return _gathered(observations, prior_sigmas(first, height_m), shot_of, progress)
 
 
 def _gathered(
     observations: Sequence[Observation],
     sigmas: FloatArray,
-    known_of: Callable[[Observation, str], Known | Refusal],
-    shot_of: Callable[[Known, CameraModel], Shot],
+    shot_of: Callable[[Observation], Shot | Refusal],
     progress: Progress,
 ) -> Gathered | Refusal:
-    """Return the bundle; ``known_of``: what is known of an image; ``shot_of``: its shot near the limb."""
+    """Return the bundle; ``shot_of``: the shot of an image near its limb."""
     shots: list[Shot] = []
     left_out: list[str] = []
-    of_mounting = sigmas.copy()
-    of_mounting[:LENS] = 0.0
+    of_mounting = np.where(np.arange(SHARED) < LENS, 0.0, sigmas)
     for number, observation in enumerate(observations, 1):
         progress.step("calibrate", f"image {number} of {len(observations)}")
-        known = known_of(observation, METHOD)
-        if isinstance(known, Refusal):
-            if known.status is Outcome.BAD_INPUT:
-                return known
-            left_out.append(f"image {number}: {known.reason}")
-            continue
         try:
-            shot = shot_of(known, observation.camera)
+            shot = shot_of(observation)
+            if isinstance(shot, Refusal):
+                if shot.status is Outcome.BAD_INPUT:
+                    return shot
+                left_out.append(f"image {number}: {shot.reason}")
+                continue
             solve(Bundle([shot], of_mounting), ALONE)
         except np.linalg.LinAlgError as e:
             left_out.append(f"image {number}: {e}")
@@ -239,15 +228,12 @@ def _gathered(
 
 def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
     """Return prior standard deviations (8,) of the shared unknowns; ``height_sigma_m``: common height of all limbs."""
-    said = observation.calibration
-    sigmas = np.empty(SHARED)
-    # Without a statement 5 % and 20 px, as a data sheet has them, and 2 deg, as a workshop mounts.
-    sigmas[FOCAL] = said.focal_length_sigma if said and said.focal_length_sigma > 0.0 else 0.05
-    sigmas[POINT] = said.principal_point_sigma_px if said and said.principal_point_sigma_px > 0.0 else 20.0
-    # A distortion that nobody says is wrong is right.
-    sigmas[BEND] = said.distortion_sigma_px if said else 0.0
-    sigmas[TURN] = np.radians(2.0)
-    if said and any(said.mounting_sigma_rad):
-        sigmas[TURN] = max(said.mounting_sigma_rad)
-    sigmas[HEIGHT] = height_sigma_m
+    sigmas, said = np.zeros(SHARED), observation.calibration
+    # Without a statement 5 % and 20 px, as a data sheet has them, and 2 deg, as a workshop mounts; no distortion.
+    sigmas[FOCAL], sigmas[POINT], sigmas[TURN], sigmas[HEIGHT] = 0.05, 20.0, np.radians(2.0), height_sigma_m
+    if said is not None:
+        sigmas[FOCAL] = said.focal_length_sigma or sigmas[FOCAL]
+        sigmas[POINT] = said.principal_point_sigma_px or sigmas[POINT]
+        sigmas[TURN] = max(said.mounting_sigma_rad) or sigmas[TURN]
+        sigmas[BEND] = said.distortion_sigma_px
     return sigmas

@@ -42,7 +42,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pixels import near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
@@ -148,12 +148,10 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
     ``image``: shape (H, W), NaN where it is not to be looked at; ``axes_m``: shape (3,), of the planet with its limb's
     height; ``air_px``: how far outside of that the edge may lie.
     """
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
-    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
-    seen = np.isfinite(image[near.rows, near.columns]) & in_view(camera, near, angle, (0.0, 0.0))
-    by_column, by_row = gradient(angle, near.by_column, near.by_row)
-    scale = np.hypot(by_column, by_row)
-    x = angle.delta / scale
+    near = near_pixels(camera, pose, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
+    seen = np.isfinite(image[near.rows, near.columns]) & near.in_view(camera)
+    by_column, by_row = -near.gradient / near.width_m
+    x = near.x_px
     limb_px = near.every * int(np.count_nonzero(np.abs(x[seen]) < 0.5))
     pieces = min(int(limb_px / PIECE_PX), int(np.count_nonzero(seen)) // FEWEST_OF_PIECE)
     if pieces < 1:
@@ -171,14 +169,14 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
         near.rows[chosen],
         np.asarray(image[near.rows[chosen], near.columns[chosen]], dtype=np.float64),
         x,
-        (by_column / scale)[chosen],
-        (by_row / scale)[chosen],
-        np.abs(angle.by_height / scale)[chosen],
+        by_column[chosen],
+        by_row[chosen],
+        1.0 / near.width_m[chosen],
         azimuth[some][np.append(np.arange(pieces) * each, -1)],
         float(raw[order[0]]),
         near.los_cam[:, middles].T,
         limb_px / pieces,
-        float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
+        float(np.median(near.width_m[chosen])),
         near.every,
     )
 
@@ -613,7 +611,7 @@ def without_azimuths(
     image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, azimuths: FloatArray, air_px: float
 ) -> FloatArray:
     """Return an image (H, W) with NaN about the limb at ranges of azimuth (k, 2) about the nadir [rad]."""
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_RIVAL_PX + air_px, FARTHEST_RIVAL_PX)
+    near = near_pixels(camera, pose, axes_m, FARTHEST_RIVAL_PX + air_px, FARTHEST_RIVAL_PX)
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam
     azimuth = np.arctan2(across[1], across[0])
     hidden = np.zeros(len(azimuth), dtype=bool)

@@ -11,19 +11,7 @@ and between two positions, ``d = u_i - u_j``, with ``S_m = (S_i + S_j) / 2``::
     c_ij = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2)
 
 (C. J. Paciorek and M. J. Schervish, Environmetrics 17, 483 (2006), equation 1), which is a covariance for any lengths.
-Equal lengths give ``exp(-d^2 / (2 l^2))``. Both matrices have the same form, so that with ``a = (l_ei^2 + l_ej^2) /
-2``, ``b_i = (l_ni^2 - l_ei^2) / 2``, ``g = n_i . n_j``, ``p = n_i . d``, ``q = n_j . d``::
-
-    D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
-    d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
-
-**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.fit.templates`) are
-tabulated by the Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies
-the angle ::
-
-    d = acos((R + h) / r) - acos(R / r)
-
-farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
+Equal lengths give ``exp(-d^2 / (2 l^2))``.
 
 **Two criteria of the height.** :func:`edge_height`: a fit (:mod:`horizonval.estimation.fit.edge`) explains the pixels
 across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of :mod:`horizonval.estimation.fit.light`. For a
@@ -31,24 +19,14 @@ rendered profile, blurred by lens and pixel, the levels are solved for at every 
 the least residual. :func:`steepest_height`: a search takes the position where the blurred profile is steepest. A
 parabola refines both.
 
-**Blurred profile.** A profile is a polygon over the height ``z``, level below its first height, with the slope changes
-``D_j`` at ``z_j``; above the last height it falls to zero over a kilometre. Blurred by a Gaussian of ``s`` its slope is
-``sum_j D_j Phi((x - z_j) / s)`` with ``Phi`` the normal distribution, and its value the integral of that.
-
 **Tables of heights** (:class:`HeightGrid`). Heights are tabulated by pixel size or blur and the two axes of the
-profiles: the Sun's angles of a sunlit band, latitude and month of a thermal one. In :class:`BandHeights` a mode changes
-the height by half of the difference between one standard deviation above the mean and one below. Whether a scene has
-clouds is a binary variable: the height is the middle of both cases, with half of their distance as standard deviation.
-The residual of the edge adds a variance: the profile is no exponential.
+profiles. In :class:`BandHeights` a mode changes the height by half of the difference between one standard deviation
+above the mean and one below. The residual of the edge adds a variance: the profile is no exponential.
 
-**Height along the arc**, for the relief of a fit::
-
-    height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
-
-with functions ``g_k`` of variance 1, correlated as above. The error of a Sun sensor is two more patterns; without a Sun
-direction every Sun that lights the whole arc is equally likely. If the location of a thermal limb is unknown, the
-spread over all latitudes and months is one number for the whole arc, and the measured relief
-(:mod:`horizonval.earth.limb_heights`) is added.
+**Height along the arc**: the mean, plus independent modes that vary along the limb with the correlation above. The
+error of a Sun sensor is two more patterns; without a Sun direction every Sun that lights the whole arc is equally
+likely. If the location of a thermal limb is unknown, the spread over all latitudes and months is one number for the
+whole arc, and the measured relief (:mod:`horizonval.earth.limb_heights`) is added.
 """
 
 from __future__ import annotations
@@ -74,7 +52,7 @@ from horizonval.estimation.fit.light import (
     edge_profile,
     light_basis,
 )
-from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import CLOUDED, MONTHS, LimbTemplates, shipped_templates
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
@@ -118,14 +96,14 @@ def correlations(lengths_rad: FloatArray, up: FloatArray, pole: FloatArray) -> F
     square = np.moveaxis(np.asarray(lengths_rad, dtype=np.float64) ** 2, 1, 0)
     north = north_of(up, pole)
     parallel = square[..., 1]
-    # at a pole only the parallel's length counts
+    # At a pole only the parallel's length counts.
     more = 0.5 * (square[..., 0] - parallel) * north.any(axis=1)
     apart = up[:, None] - up[None, :]
     p, q = np.einsum("ix,ijx->ij", north, apart), np.einsum("jx,ijx->ij", north, apart)
     g = north @ north.T
+    # S_m = a (1 + b n_i n_i^T + c n_j n_j^T), whose inverse and determinant have closed forms.
     a = 0.5 * (parallel[:, :, None] + parallel[:, None, :])
-    b = more[:, :, None] / a
-    c = more[:, None, :] / a
+    b, c = more[:, :, None] / a, more[:, None, :] / a
     d = (1.0 + b) * (1.0 + c) - b * c * g**2
     along = (b * (1.0 + c) * p**2 - 2.0 * b * c * g * p * q + c * (1.0 + b) * q**2) / d
     size = parallel**2 * (parallel + 2.0 * more)
@@ -150,52 +128,40 @@ def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
 
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 """Zenith angles of the Sun; beyond the last there is too little radiance."""
-CLOUDED = 0.75
-"""Share of scenes with clouds in the ensemble of the shipped tables (:mod:`horizonval.tables.sunlit`)."""
 FAINTEST = 0.05
 """Smallest share of the mean profile that modes leave: a profile stays positive, and its logarithm finite."""
 
 
 def without_clouds(table: LimbTemplates) -> FloatArray:
-    """Return the profiles of scenes without clouds, shape (A, B, h).
+    """Return the profiles of scenes without clouds in a sunlit band, shape (A, B, h).
 
-    Clouds are present with the share ``q``. The unit-variance variable of their presence is ``-sqrt(q / (1 - q))``
-    without. Modes have one sign everywhere: clouds are brighter than the air below under a high Sun and darker under a
-    low one.
+    Clouds are bright under a high Sun; their modes have one sign everywhere.
     """
     clear = table.mean
-    for k in np.flatnonzero(np.array(table.mode_kinds) == "scene"):
-        mode = table.modes[:, :, k]
-        sign = 1.0 if mode[0].sum() > 0.0 else -1.0
-        clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
+    for mode, kind in zip(np.moveaxis(table.modes, 2, 0), table.mode_kinds, strict=True):
+        if kind == "scene":
+            sign = 1.0 if mode[0].sum() > 0.0 else -1.0
+            clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
     return np.asarray(np.maximum(clear, FAINTEST * table.mean))
 
 
 def seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> FloatArray:
-    """Return values (s, A, B, h) as the lines of one camera have them, by the Sun's angles at the ground's horizon."""
+    """Return values (s, A, B, h) as the lines of one camera have them, by the Sun's angles at the ground's horizon.
+
+    The lowest point of a line at the height ``h`` lies the angle ``acos((R + h) / r) - acos(R / r)`` farther from an
+    observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
+    """
     zenith, azimuth = np.meshgrid(ZENITHS_RAD, table.axes[1], indexing="ij")
-    up, ahead = np.cos(zenith)[..., None], (np.sin(zenith) * np.cos(azimuth))[..., None]
-    side = (np.sin(zenith) * np.sin(azimuth))[..., None]
+    up, ahead, side = np.cos(zenith), np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth)
     away = MEAN_RADIUS_M + altitude_m
     turn = np.arccos(np.minimum((MEAN_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(MEAN_RADIUS_M / away)
-    there = np.arccos(np.clip(up * np.cos(turn) + ahead * np.sin(turn), -1.0, 1.0))
-    level = np.arctan2(np.broadcast_to(side, there.shape), ahead * np.cos(turn) - up * np.sin(turn))
-    (i, u), (j, v) = (_before(axis, x) for axis, x in zip(table.axes, (there, level), strict=True))
-    h = np.arange(len(table.height_m))
-    near = (1.0 - v) * values[:, i, j, h] + v * values[:, i, j + 1, h]
-    far = (1.0 - v) * values[:, i + 1, j, h] + v * values[:, i + 1, j + 1, h]
-    return np.asarray((1.0 - u) * near + u * far)
-
-
-def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
-    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
-    return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
-
-
-FADE_M = 1e3
-"""Distance over which the radiance above the last height falls to zero: one step of the shipped tables."""
-LOWEST_M, HIGHEST_M = -20e3, 60e3
-"""Range of edge heights over all bands [m]."""
+    seen = np.empty((len(values), *zenith.shape, len(turn)))
+    for k, angle in enumerate(turn):
+        there = np.arccos(np.clip(up * np.cos(angle) + ahead * np.sin(angle), -1.0, 1.0))
+        level = np.arctan2(side, ahead * np.cos(angle) - up * np.sin(angle))
+        weights = table.linear(there.ravel(), level.ravel())
+        seen[..., k] = np.tensordot(values[..., k], weights, axes=([1, 2], [1, 2])).reshape(-1, *zenith.shape)
+    return seen
 
 
 def edge_height(
@@ -210,10 +176,11 @@ def edge_height(
     soft = scale_m / pixel_m
     # A lens of 0.7 px leaves no structure finer than half a pixel.
     x = np.arange(-OUTSIDE_PX - OUTSIDE_SCALES * soft, INSIDE_PX, 0.5)
-    middle = 0.5 * (LOWEST_M + HIGHEST_M)
+    lowest_m, highest_m = -20e3, 60e3  # over all bands
+    middle = 0.5 * (lowest_m + highest_m)
     seen = _blurred(height_m, profiles, middle - x * pixel_m, blur * pixel_m)
     # A kilometre or a twentieth of a pixel: the parabola leaves a hundredth of it.
-    heights = np.arange(LOWEST_M, HIGHEST_M, max(1e3, 0.05 * pixel_m))
+    heights = np.arange(lowest_m, highest_m, max(1e3, 0.05 * pixel_m))
     total = np.einsum("ij,ij->i", seen, seen)
     left = np.empty((len(profiles), len(heights)))
     for k, height in enumerate(heights):
@@ -261,7 +228,8 @@ def _vertex(values: FloatArray, best: np.ndarray) -> tuple[np.ndarray, FloatArra
 
 def _polygon(height_m: FloatArray, profiles: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the corners of profiles (n, h) [m], shape (h + 1,), and the changes of slope there, (n, h + 1)."""
-    places = np.append(height_m, height_m[-1] + FADE_M)
+    # The radiance falls to zero over a kilometre, one step of the shipped tables.
+    places = np.append(height_m, height_m[-1] + 1e3)
     none = np.zeros((len(profiles), 1))
     slopes = np.diff(np.concatenate([profiles, none], axis=1), axis=1) / np.diff(places)
     return places, np.diff(np.concatenate([none, slopes, none], axis=1), axis=1)
@@ -339,15 +307,10 @@ class BandHeights:
         axes, (heights, misfit) = heights_on_grid(table, _states(table), pixels_m, edge)
         heights, misfit = np.moveaxis(heights, 1, 0), misfit[:, 0]
         changes = 0.5 * (heights[1::2] - heights[2::2])
-        middle = heights[0] + sum(
-            0.5 * (more + less) - heights[0]
-            for kind, more, less in zip(table.mode_kinds, heights[1::2], heights[2::2], strict=True)
-            if kind == "scene"
-        )
         # Five pixels per misfit relative to the step: of a residual like the edge's slope, half a step per pixel over
         # three of the twenty fitted pixels.
         open_m = 5.0 * misfit * pixels_m[:, None, None]
-        self._grid = HeightGrid(pixels_m, axes, np.concatenate([middle[None], changes, open_m[None]]))
+        self._grid = HeightGrid(pixels_m, axes, np.concatenate([heights[:1], changes, open_m[None]]))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
         self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
@@ -373,31 +336,14 @@ def band_heights(
 ) -> BandHeights | None:
     """Return the heights of the shipped table of a band, None where none is."""
     table = shipped_templates(band_kind, band_um)
-    return None if table is None else _of_table(table, scale_m)
-
-
-@cache
-def _of_table(table: LimbTemplates, scale_m: float) -> BandHeights:
-    return BandHeights(table, scale_m)
+    return None if table is None else BandHeights(table, scale_m)
 
 
 def _states(table: LimbTemplates) -> FloatArray:
     """Return the mean profiles, and those of each mode more and less, shape (1 + 2 k, A, B, h)."""
-    changed = []
-    for k, kind in enumerate(table.mode_kinds):
-        mode = table.modes[:, :, k]
-        more, less = 1.0, 1.0
-        if kind == "scene":
-            more, less = math.sqrt((1.0 - CLOUDED) / CLOUDED), math.sqrt(CLOUDED / (1.0 - CLOUDED))
-        sign = _of_clouds(table, mode) if kind == "scene" else 1.0
-        changed += [np.maximum(table.mean + by * mode, FAINTEST * table.mean) for by in (sign * more, -sign * less)]
-    return np.stack([table.mean, *changed])
-
-
-def _of_clouds(table: LimbTemplates, mode: FloatArray) -> float:
-    """Return the sign with which a mode has clouds: bright under a high Sun, cold in the infrared."""
-    below = mode[0] if table.band_kind == "solar" else -mode
-    return 1.0 if below[..., table.height_m < 0.0].sum() > 0.0 else -1.0
+    modes = np.moveaxis(table.modes, 2, 0)
+    changed = np.stack([table.mean + modes, table.mean - modes], axis=1).reshape(-1, *table.mean.shape)
+    return np.maximum(np.concatenate([table.mean[None], changed]), FAINTEST * table.mean)
 
 
 SUN_SIGMA_RAD = math.radians(0.5)
@@ -472,27 +418,23 @@ class UnevenLimb:
 
     def _sunlit(self, places: ArcPlaces) -> tuple[FloatArray, FloatArray]:
         if self.sun_cam is not None:
-            edge, *misread = self._under(places, [self.sun_cam, *misread_suns(self.sun_cam, self.sun_sigma_rad)])
+            edge = self._under(places, self.sun_cam)
+            misread = [self._under(places, sun) for sun in misread_suns(self.sun_cam, self.sun_sigma_rad)]
             changes = np.array([one.mean_m for one in misread]) - edge.mean_m
             return edge.mean_m, _covariance(edge, places) + changes.T @ changes
         suns = fibonacci_sphere(SUNS)
         lit = (suns @ places.up_cam.T >= 0.0).all(axis=1)
         overhead = places.up_cam.mean(axis=0)
-        edges = self._under(places, suns[lit] if lit.any() else [overhead / np.linalg.norm(overhead)])
+        likely = suns[lit] if lit.any() else [overhead / np.linalg.norm(overhead)]
+        edges = [self._under(places, sun) for sun in likely]
         heights = np.array([edge.mean_m for edge in edges])
         mean = heights.mean(axis=0)
         spread = (heights - mean).T @ (heights - mean) / len(heights)
         return mean, spread + np.mean([_covariance(edge, places) for edge in edges], axis=0)
 
-    def _under(self, places: ArcPlaces, suns: ArrayLike) -> list[EdgeHeights]:
-        """Return the heights under each of k Suns, shape (k, 3)."""
-        zenith, azimuth = sun_angles_at(places.los_cam, places.up_cam, np.asarray(suns))
-        found = self.heights.at(np.tile(places.pixel_m, len(zenith)), zenith.ravel(), azimuth.ravel())
-        means = np.split(found.mean_m, len(zenith))
-        patterns = np.split(found.patterns_m, len(zenith), axis=1)
-        return [
-            EdgeHeights(*one) for one in zip(means, patterns, np.split(found.correlation_rad, len(zenith)), strict=True)
-        ]
+    def _under(self, places: ArcPlaces, sun: FloatArray) -> EdgeHeights:
+        """Return the heights under a Sun, shape (3,)."""
+        return self.heights.at(places.pixel_m, *sun_angles_at(places.los_cam, places.up_cam, sun))
 
 
 def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:

@@ -20,12 +20,10 @@ fall-off and the Sun's height along the limb, ``c`` and ``d`` shading across it.
 functions ``A`` of :func:`light_basis`, the mean ``mu`` of all sectors (the shading has none), and a sector's difference
 ``d`` with the prior ``N(0, T)``. ``T`` is the scatter of the sectors' levels beyond their noise: evenly lit limbs keep
 the precision of one common level. All levels are eliminated from the normal equations (Schur's complement), with ``G =
-A^T W A`` and ``H = (G + T^-1)^-1`` of each sector::
+A^T W A`` and ``H = (G + T^-1)^-1`` of each sector, which has as many pixels as any other::
 
     N_xx = sum J^T W J - J^T W A H A^T W J,    N_xm = sum J^T W A (1 - H G),    N_mm = sum G - G H G
     N = N_xx - N_xm N_mm^-1 N_mx
-
-Sectors have equally many pixels, so that an array of n pixels is one of (m, n / m).
 
 **Noise.** The variance is linear in brightness (photons and read-out): between that of space and that of the Earth by
 the edge's level ``E``. Larger residuals across the edge (ozone, haze) add one proportional to ``4 E (1 - E)``. Levels
@@ -52,8 +50,6 @@ OUTSIDE_SCALES = 4.0
 """Additional distance into space for a soft limb, in scale heights; 2 % of it remain there."""
 PIXEL_VARIANCE = 1.0 / 12.0
 """Variance of a square pixel along any direction [px^2]."""
-SMALLEST_SCALE = 0.05
-"""Scale height, relative to the blur, below which two terms of a series are exact to 1e-4 of the step."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,9 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
     step = ndtr(z)
     if scale is None:
         return EdgeProfile(step, bell / blur, -z * bell / blur, np.zeros_like(x))
-    c = np.maximum(scale, SMALLEST_SCALE * blur)
+    # Below this scale height two terms of a series are exact to 1e-4 of the step.
+    least = 0.05 * blur
+    c = np.maximum(scale, least)
     y = z + blur / c
     # exp(x/c + s^2/(2c^2)) Phi(-y) = phi(z) Phi(-y) / phi(y); inside, where y is large, by the scaled function.
     inside = y > 0.0
@@ -94,7 +92,7 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
         by_blur=(blur * g / c - bell) / c,
         by_scale=blur * bell / c**2 - g * (x * c + blur * blur) / c**3,
     )
-    hard = scale < SMALLEST_SCALE * blur
+    hard = scale < least
     if not hard.any():
         return soft
     # E = Phi + c Phi' + c^2 Phi'' + ..., by integration by parts.
@@ -111,41 +109,27 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
     )
 
 
-SHADING_PX = INSIDE_PX
-"""Unit of the bend of the shading: it makes the levels of one size."""
-
-
 def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArray:
     """Return the basis functions of a sector, shape (6, n): one, edge, its shading (2), and along it (2).
 
     ``edge``: level of the profile; ``x``: pixels inside the limb; ``along``: position in the sector, -1/2 to 1/2; (n,)
-    each.
+    each. The unit of the shading's bend makes the levels of one size.
     """
     shaded = edge * x
-    return np.array([np.ones_like(x), edge, shaded, edge * (x * x / SHADING_PX), edge * along, shaded * along])
+    return np.array([np.ones_like(x), edge, shaded, edge * (x * x / INSIDE_PX), edge * along, shaded * along])
 
 
 def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the Earth's brightness and its change per pixel inside, shape (n,) each, of levels (6, n)."""
     _, level, shading, bend, slope, turn = levels
     return (
-        level + (shading + turn * along) * x + bend * (x * x / SHADING_PX) + slope * along,
-        shading + turn * along + bend * (2.0 * x / SHADING_PX),
+        level + (shading + turn * along) * x + bend * (x * x / INSIDE_PX) + slope * along,
+        shading + turn * along + bend * (2.0 * x / INSIDE_PX),
     )
 
 
-PIXELS_ALONG = 24
-"""Smallest limb length of a sector [px]: its levels are then known ten times better than one pixel's noise."""
-MOST_SECTORS = 48
-WIDEST_RAD = 0.2
-"""Largest sector, as an angle. Lens fall-off (cosine to the fourth) then departs by up to 3 % at 45 deg from a line
-along the sector; over 24 pixels of a degree it is 17 %, which displaces the limb."""
 CENTRED = 2
 """Number of levels that scatter about a mean: background and amplitude, not the shading."""
-SIGNIFICANT = 3.0
-"""Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
-SINGULAR = 1e-12
-"""Eigenvalue, relative to the largest, below which a combination of levels is undetermined."""
 NO_SPREAD = 1e-6
 """Smallest spread of sectors relative to the variance of the mean level; keeps the matrices regular."""
 
@@ -177,16 +161,12 @@ def sectors_of(azimuth: FloatArray, limb_px: int, limb_rad: float = 0.0) -> Sect
     ``azimuth``: shape (n,), about the nadir [rad]; ``limb_px``, ``limb_rad``: length of the limb in view, also as an
     angle.
     """
-    count = max(limb_px // PIXELS_ALONG, int(limb_rad / WIDEST_RAD))
-    return divided(azimuth, int(np.clip(count, 1, MOST_SECTORS)))
-
-
-def divided(azimuth: FloatArray, count: int) -> Sectors:
-    """Return so many sectors of equally many pixels, of azimuths (n,) [rad]."""
+    # 24 px of limb make a sector's levels ten times better known than one pixel's noise. Lens fall-off (cosine to the
+    # fourth) departs by up to 3 % at 45 deg from a line along a sector of 0.2 rad; by 17 %, which displaces the limb,
+    # over 24 pixels of a degree.
     order, along = from_widest_gap(azimuth)
-    count = min(count, len(order))
-    size = len(order) // count
-    kept = np.linspace(0.0, len(order) - 1.0, size * count).round().astype(np.intp)
+    count = min(int(np.clip(max(limb_px // 24, int(limb_rad / 0.2)), 1, 48)), len(order))
+    kept = np.linspace(0.0, len(order) - 1.0, len(order) // count * count).round().astype(np.intp)
     return Sectors(order[kept], count, along[kept])
 
 
@@ -305,7 +285,7 @@ def _inverse_parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues and vectors of the pseudo-inverse of symmetric matrices (..., k, k)."""
     values, vectors = np.linalg.eigh(matrices)
     size = np.abs(values)
-    determined = size > SINGULAR * size.max(axis=-1, keepdims=True)
+    determined = size > 1e-12 * size.max(axis=-1, keepdims=True)
     return np.divide(1.0, values, out=np.zeros_like(values), where=determined), vectors
 
 
@@ -320,7 +300,8 @@ def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
     mean = np.where(centred, (weight * free).sum(axis=0) / total, 0.0)
     freedom = len(free) - centred
     excess = (weight * (free - mean) ** 2).sum(axis=0) - freedom
-    excess = np.where(excess > SIGNIFICANT * np.sqrt(2.0 * freedom), excess, 0.0)
+    # Three standard deviations of what noise makes of them.
+    excess = np.where(excess > 3.0 * np.sqrt(2.0 * freedom), excess, 0.0)
     scale = total - np.where(centred, (weight**2).sum(axis=0) / total, 0.0)
     spread = np.maximum(excess, 0.0) / np.where(scale > 0.0, scale, np.inf)
     return np.asarray(np.maximum(spread, NO_SPREAD / total))
@@ -328,22 +309,9 @@ def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
 
 OF_SIDE = 0.02
 """Edge level up to which, and from one minus which, pixels show the noise of space and Earth; between, the edge's."""
-LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
-"""A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
-and above what twilight leaves; chosen."""
-EVEN = 0.05
-"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
-misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
-AWAY = 100.0
-"""How much less than those beside the edge the pixels in its middle weigh for the levels from which the noise is
-estimated, times four: an edge that is out of its place must not look like noise elsewhere."""
-LEAST_LEFT = 0.1
-"""Smallest share of a residual's mean square that levels are taken to leave."""
-UNSEEN = 1e9
-"""Number of pixels that count as one in a sector without light, which shows no limb."""
-DARKEST = 1e-3
-"""Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
-pixels just above it must not determine the limb alone."""
+LIT_SHARE = 0.1
+"""A sector is lit whose light is at least such a share of the 0.95 quantile of all of them: a tenth is below every
+cloud and above what twilight leaves; chosen."""
 
 
 @dataclass(frozen=True)
@@ -388,18 +356,20 @@ def light_noise(
     ``counts``: shape (n,), numbers of pixels that each is the mean of; ``rounding``: smallest variance of a pixel.
     """
     edge = basis[1]
-    weights = counts / (1.0 + AWAY * edge * (1.0 - edge))
+    # An edge that is displaced must not look like noise elsewhere: pixels in its middle weigh 25 times less.
+    weights = counts / (1.0 + 100.0 * edge * (1.0 - edge))
     levels = solve_levels(basis, values, weights, sectors)
     residuals = values - levels.of_pixels(basis)
     light = np.abs(inner_levels(values, edge, levels.of_sector))
-    brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
+    brightest = np.sort(light)[int(0.95 * (len(light) - 1))]
     lit = np.repeat(light >= LIT_SHARE * brightest, len(values) // len(light))
-    left = np.maximum(levels.left(basis, weights, 1.0 / counts), LEAST_LEFT)
+    left = np.maximum(levels.left(basis, weights, 1.0 / counts), 0.1)
     squares, level = (residuals**2 * counts / left)[lit], edge[lit]
     floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
     space, earth = level < OF_SIDE, level > 1.0 - OF_SIDE
     of_space, of_earth = (mean_square(squares[there], squares) for there in (space, earth))
-    line = (max(of_space, DARKEST * of_earth, floor), max(of_earth, floor), 0.0)
+    # Space may have a single grey level, known to one level only; pixels just above must not determine the limb alone.
+    line = (max(of_space, 1e-3 * of_earth, floor), max(of_earth, floor), 0.0)
     between, excess = ~(space | earth), 0.0
     if between.any():
         squares, level = squares[between], level[between]
@@ -407,7 +377,8 @@ def light_noise(
         for _ in range(WEIGHINGS):
             beyond = weighed(squares, expected + excess * share) - expected
             excess = max(float((beyond @ share) / (share @ share)), 0.0)
-    alike, uneven = 1.0, 1.0 - (EVEN * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
+    # Up to 0.05 the ground is uniform: noise and misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35.
+    alike, uneven = 1.0, 1.0 - (0.05 * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
     ground = np.flatnonzero(lit & (edge > 1.0 - OF_SIDE))
     if uneven > 0.0 and len(ground):
         in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))
@@ -415,7 +386,8 @@ def light_noise(
         alike += uneven * (correlated(columns, rows, in_sigmas, float(np.sqrt(np.mean(counts)))) - 1.0)
     found = LightNoise(np.ones(1), parts=(*line[:2], excess), alike=alike).at(edge, counts, residuals)
     if not lit.all():
-        found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
+        # A sector without light shows no limb.
+        found = replace(found, variance=np.where(lit, found.variance, 1e9 * found.variance))
     return found, levels_information(basis, values, found.weights(residuals), sectors)
 
 

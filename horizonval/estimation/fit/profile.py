@@ -18,7 +18,7 @@ of which only neighbours couple.
 
 **Noise** (:mod:`.noise`): components by level, by the square of what clouds can change (the radiance of the limb's
 brightest height, blurred, below the highest clouds), and by the square of the slope (errors of the lens model).
-Neglected bumps of the air are in the least variance, alike over a bump's height and length.
+What the modes leave of the air is in the least variance, common over some height and length.
 
 **Lower end.** The variance of the lowest pixels grows smoothly to infinity with the depth at which they see the ground,
 so that no pixel enters or leaves a fit at once.
@@ -28,7 +28,7 @@ so that no pixel enters or leaves a fit at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -40,24 +40,18 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.air import BUMP_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
+from horizonval.estimation.fit.air import LEFT_LENGTH_RAD, LEFT_M, KnownAir, NodeAir, common_air
 from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfiles, around_of
-from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
+from horizonval.estimation.fit.image import LENS, POSE, Chosen, ImageModel, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
+from horizonval.estimation.fit.pixels import level_distance, with_errors
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile_pixels import (
-    AXIS_CAM,
-    NoLimbError,
-    ProfilePixels,
-    level_distance,
-    profile_pixels,
-)
-from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.fit.profile_pixels import NoLimbError, ProfilePixels, profile_pixels
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.estimation.prior import MEAN_RADIUS_M
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import off_axis_angle
 
@@ -70,18 +64,6 @@ DEPTH_PX = 0.5
 the limb see other air, ground and clouds than those that pass it."""
 NEAR_PX = 0.5
 """Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
-SPACE_PX = 4.0
-"""Smallest height of the window above the air."""
-FINEST_STEP_M, STEPS_PER_PIXEL = 400.0, 12.0
-"""Step of the height grid: a twentieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
-pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
-LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
-"""Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
-derivatives."""
-EIGHTHS = 9
-"""Places along a side of a grid of every eighth pixel."""
-LEAST_TAPER = 1e-3
-"""Smallest weight of a pixel below the window: as good as none."""
 
 
 @dataclass(frozen=True)
@@ -89,18 +71,15 @@ class ProfileKnowledge:
     """Prior knowledge of a profile fit.
 
     ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it.
-    ``heights_m``: first and last height of the table. ``air``: function of normals (m, 3), lines of sight (m, 3) in
-    camera axes, pose, grid of distances (first, last, step) and their curve. ``blur_px``, ``blur_log_sigma``: of the
-    lens; ``lens``: blur over the field and diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape
-    of the lens's blur (:mod:`.blurred`), which no file states. ``gain``, ``gain_log_sigma``: levels per table radiance
-    on the axis; an infinite sigma for an uncalibrated detector.
+    ``blur_px``, ``blur_log_sigma``: of the lens; ``lens``: blur over the field and diffraction from the camera file.
+    ``sharpness``, ``sharpness_sigma``: shape of the lens's blur (:mod:`.blurred`), which no file states. ``gain``,
+    ``gain_log_sigma``: levels per table radiance on the axis; an infinite sigma for an uncalibrated detector.
     """
 
     ellipsoid: Ellipsoid
     mean: LimbPose
     information: FloatArray
-    heights_m: tuple[float, float]
-    air: Callable[[FloatArray, FloatArray, LimbPose, tuple[float, float, float], float], NodeAir]
+    air: KnownAir
     blur_px: float = 0.7
     blur_log_sigma: float = 0.3
     lens: Lens = field(default_factory=Lens)
@@ -146,10 +125,9 @@ class ProfileModel:
     """The pixels that see the profile at a pose; see :class:`horizonval.estimation.fit.image.ImageModel`.
 
     ``image``: shape (H, W), NaN where missing; ``lens``: shape (4,), errors of the lens that ``camera`` has already;
-    ``blur_px``: for the window's width; ``tighter``: factor on the
-    information on blur and sharpness; ``before``: model of a pose near by, whose nodes and air are kept. ``off_axis``
-    (n,): squared angles from the axis over the image's largest; ``below_clouds`` (n,): share of a pixel's radiance from
-    below the highest clouds. Raises ``LinAlgError``: too little limb in view.
+    ``blur_px``: for the window's width; ``tighter``: factor on the information on blur and sharpness; ``before``: model
+    of a pose near by, whose nodes and air are kept. ``below_clouds`` (n,): share of a pixel's radiance from below the
+    highest clouds. Raises ``LinAlgError``: too little limb in view.
     """
 
     def __init__(
@@ -165,7 +143,7 @@ class ProfileModel:
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
         self.tighter = tighter
-        _, high = knowledge.heights_m
+        high = knowledge.air.heights_m[1]
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
@@ -173,28 +151,21 @@ class ProfileModel:
         reach = REACH_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
         # Half of it beyond the table is too little to see of it.
         rim = 0.5 * reach
-        bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
-        top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
+        bottom, top = -1.5 * DEPTH_PX * pixel_m, high + max(rim, 4.0 * pixel_m)
         self.curve = curve = 0.5 * axes[0] / to_limb_2
-        near = profile_pixels(
-            image,
-            camera,
-            pose,
-            knowledge.ellipsoid,
-            (bottom, top),
-            high + rim + pose.height_m,
-            curve,
-            None if before is None else before.near.nodes,
-        )
+        nodes = None if before is None else before.near.nodes
+        near = profile_pixels(image, camera, pose, lens, knowledge.ellipsoid, (bottom, top), high + rim, nodes)
         self.near: ProfilePixels = near
-        ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
+        ends, _ = level_distance(np.array([bottom, top]), curve)
         self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
-        off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
+        off_axis = off_axis_angle(near.nodes.los_cam, np.array([0.0, 0.0, 1.0]))
         if before is None:
-            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
+            # A twentieth of the air's scale height, or a seventh of the blur: the nadir moves by up to 0.03 of its
+            # sigma, with 8 steps a pixel by up to 0.7, since sampled lenses show waves of half a pixel.
+            step, first = max(400.0, pixel_m / 12.0), ends[0] - reach
             count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
-            self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
+            self.air = knowledge.air.nodes(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
             self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
         else:
             self.air, self.tables = before.air, before.tables
@@ -203,12 +174,12 @@ class ProfileModel:
         self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
         variances = knowledge.lens.ratios**2 @ knowledge.lens.shares(off_axis)
         self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
-        shares = off_axis_share(camera, near.nodes.los_cam)
-        self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        # The integral of a normal correlation of the length l is (2 pi)^1/2 l.
+        alike_m2 = LEFT_M * np.sqrt(2.0 * np.pi) * LEFT_LENGTH_RAD * MEAN_RADIUS_M
+        self._left_px = np.maximum(alike_m2 / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
 
@@ -239,9 +210,14 @@ class ProfileModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 at the end of the derivatives' range."""
         own = step[POSE + LENS :]
-        most_px = max(LARGEST_MOTION_M / self.pixel_m, LARGEST_MOTION_PX)
-        logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
+        # Derivatives hold for two scale heights of the air or some pixels.
+        most_px = max(15e3 / self.pixel_m, 3.0)
+        logs = float(np.abs(own[[BLUR, GAIN]]).max()) / 0.5
         return max(self.motion_px(step) / most_px, logs)
+
+    def way(self, pose: LimbPose, lens: FloatArray) -> FloatArray:
+        """Return the step (7 + 4 + own) to a pose and errors of the lens, without own unknowns."""
+        return np.concatenate([self.pose.step_to(pose), lens - self.lens, np.zeros(OWN)])
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
@@ -254,7 +230,7 @@ class ProfileModel:
         """Return the pixels as predicted; ``weights`` are not needed."""
         at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own[:GAIN], air])
         if self._last is None or not np.array_equal(self._last[0], at):
-            self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
+            self._last = at, self._look(*self.near.moved(pose, lens), own, air)
         look = self._last[1]
         shown = own[BACKGROUND] + float(np.exp(own[GAIN])) * self.near.light * look.level
         kept = np.ones_like(shown)
@@ -262,36 +238,11 @@ class ProfileModel:
             shown, kept = self.floor.expected(shown)
         return replace(look, own=own, kept=kept, residuals=self.near.values - shown)
 
-    def away(self, pose: LimbPose) -> FloatArray:
-        """Return the way to a pose, shape (7,), along which distances across the limb are linear.
-
-        The turn is a tilt after a turn about the nadir, which moves the limb little, however far it is.
-        """
-        way, nadir = self.pose.step_to(pose), self.pose.nadir_cam
-        angle = float(np.linalg.norm(way[:3]))
-        if angle > 0.0:
-            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
-            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
-            along = float(part @ nadir)
-            size = np.hypot(rest, along)
-            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
-            sine = max(float(np.linalg.norm(swing)), 1e-300)
-            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
-            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
-        return way
-
-    def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+    def _look(self, across: FloatArray, by_turn: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
         """Return the radiance of the pixels, without gain and background."""
         near, air = self.near, self.air
         blur, sharpness = float(np.exp(own[BLUR])), float(own[SHARPNESS])
-        across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
-        # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
-        nadir = self.pose.nadir_cam
-        tilt = away[:3] - nadir * (nadir @ away[:3])
-        after = np.eye(3) + 0.5 * np.cross(tilt, np.eye(3)) - 0.5 * np.outer(np.cross(tilt, nadir), nadir)
-        by_turn = after.T @ near.by_pose[:3]
-        if lens.any():
-            across = across + lens @ near.by_lens
+        across = across + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
         on_grid = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
         place = np.clip(on_grid.astype(np.intp), 1, size - 3)
@@ -320,19 +271,15 @@ class ProfileModel:
         dark[GAIN], dark[BACKGROUND] = np.log(gain), background if self.floor is None else self.floor.background
         return dark
 
-    def neglected(self, look: ProfileLook) -> FloatArray:
-        """Return the standard deviation of what the prediction leaves out of the pixels, shape (n,)."""
-        before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
-        return np.asarray(np.exp(look.own[GAIN]) * self.near.light * (before + look.share * (after - before)))
-
-    def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: ProfileLook) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
-        neglected = self.neglected(look) ** 2
+        low, high = (self.air.left[near.sector, look.place + k] for k in (0, 1))
+        left = (np.exp(look.own[GAIN]) * near.light * (low + look.share * (high - low))) ** 2
         clouds = near.light * look.brightest * self.below_clouds
         per_px = near.light * look.changes[0] * self.width_m
         variance, shown = variance_of(
-            look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
+            look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + left
         )
         # Not of a limb that is still displaced, which would hide it.
         if self.tighter == 1.0:
@@ -340,11 +287,11 @@ class ProfileModel:
             common = correlated(near.columns, near.rows, in_sigmas, float(np.sqrt(near.every)))
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
-            together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
+            together = together + (self._left_px - 1.0) * np.minimum(left / variance, 1.0)
         else:
             together = np.ones_like(variance)
         depth = np.clip((look.across_m - self._bottom) / self._taper, 0.0, 1.0)
-        return PixelNoise(variance, together / np.maximum(depth**2 * (3.0 - 2.0 * depth), LEAST_TAPER))
+        return PixelNoise(variance, together / np.maximum(depth**2 * (3.0 - 2.0 * depth), 1e-3))
 
     def linear(self, look: ProfileLook, own: FloatArray, weights: FloatArray) -> ProfileLinear:
         """Return the normal equations at a look."""
@@ -435,14 +382,6 @@ def _of_waves(air: NodeAir, own: FloatArray, next_: FloatArray) -> FloatArray:
     return matrix
 
 
-def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
-    """Return squared angles from the axis over the largest in a grid of every eighth pixel, shape (m,)."""
-    columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
-    some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
-    farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))
-    return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
-
-
 @dataclass(frozen=True)
 class ProfileImage:
     """An image of a shot. ``turn``: shape (3, 3), camera from body; ``table``: hashable source of its air."""
@@ -454,18 +393,6 @@ class ProfileImage:
     table: Hashable = None
 
 
-@dataclass(frozen=True)
-class ProfileChosen(Chosen):
-    """Pixels of all images, and all of the air that they share."""
-
-    whole: CommonAir
-
-    @property
-    def profiles(self) -> list[ProfileModel]:
-        """The models, as what they are."""
-        return [model for model in self.models if isinstance(model, ProfileModel)]
-
-
 class ProfileChooser:
     """Chooses the pixels of all images of a shot; see :class:`horizonval.estimation.fit.image.Chooser`."""
 
@@ -474,48 +401,43 @@ class ProfileChooser:
 
     def __call__(
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
-    ) -> ProfileChosen:
-        """Return the pixels near the limb at a state; the air of a few has the modes that move a limb most."""
-        old = before if isinstance(before, ProfileChosen) else None
-        ways = [] if old is None else self._ways(old, state, lens)
+    ) -> Chosen:
+        """Return the pixels near the limb at a state; the number of pixels is always the same."""
+        old = [None] * len(self._images) if before is None else [as_profile(model) for model in before.models]
+        ways = [
+            np.zeros(POSE + LENS + OWN) if model is None else model.way(state.pose.of_camera(one.turn), lens)
+            for one, model in zip(self._images, old, strict=True)
+        ]
         # Within the reach of derivatives a node is beside the limb by less than the nodes are apart.
-        same_air = old is not None and all(
-            model.reach(way) < 1.0 for model, way in zip(old.profiles, ways, strict=True)
+        same_air = before is not None and all(
+            model is not None and model.reach(way) < 1.0 for model, way in zip(old, ways, strict=True)
         )
         models: list[ProfileModel] = []
-        for k, (one, own) in enumerate(zip(self._images, state.own, strict=True)):
-            near_by = old.profiles[k] if old is not None and same_air else None
-            if near_by is not None and near_by.motion_px(ways[k]) < NEAR_PX:
+        for one, own, near_by, way in zip(self._images, state.own, old, ways, strict=True):
+            if same_air and near_by is not None and near_by.motion_px(way) < NEAR_PX:
                 models.append(near_by.held(tighter))
                 continue
-            camera = one.camera
-            if lens.any():
-                camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
+            camera = with_errors(one.camera, lens)
             pose, blur_px = state.pose.of_camera(one.turn), float(np.exp(own[BLUR]))
-            models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, near_by))
-        if old is not None and same_air:
-            whole = old.whole
-        else:
-            whole = common_air([model.air for model in models], [one.table for one in self._images])
-        air = whole if most is None else whole.few
+            known = near_by if same_air else None
+            models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, known))
+        if before is not None and same_air:
+            return Chosen(models, before.columns, state)
+        air = common_air([model.air for model in models], [one.table for one in self._images])
         for model, own_air in zip(models, air.images, strict=True):
             model.air = own_air
-        if old is None:
+        # Unknowns at other nodes say nothing of these.
+        state = replace(state, air=np.zeros(air.count))
+        if before is None:
             owns = tuple(
-                model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
-                for model, one in zip(models, state.own, strict=True)
+                model.levels(model.pose, lens, own, np.zeros(model.air.wave.shape[1]))
+                for model, own in zip(models, state.own, strict=True)
             )
-            state = ShotState(state.pose, owns, np.zeros(air.count))
-        else:
-            # Unknowns at other nodes say nothing of these.
-            known = state.air if same_air else np.zeros(0)
-            state = replace(state, air=np.append(known, np.zeros(air.count - len(known))))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), whole)
+            state = replace(state, own=owns)
+        return Chosen(models, air.columns, state)
 
-    def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
-        """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""
-        still = np.zeros(OWN)
-        return [
-            np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens, still])
-            for one, model in zip(self._images, before.profiles, strict=True)
-        ]
+
+def as_profile(model: ImageModel) -> ProfileModel:
+    """Return a model as the one of a profile that it is."""
+    assert isinstance(model, ProfileModel)
+    return model

@@ -7,11 +7,6 @@ limb that is predicted too low looks like a soft lens. The lens is therefore hel
 were known, and one of the air. If the air is inconsistent with its prior, the sum of squares of its unknowns exceeds
 the degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the excess is more than two standard deviations
 the air's part is multiplied by the ratio of the two (Birge's).
-
-**Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
-unknown of the fit; it is the step that it would take from there as one more unknown::
-
-    x = (j^T W r - j^T W J C g) / (j^T W j + p - j^T W J C J^T W j),      g = J^T W r + priors'
 """
 
 from __future__ import annotations
@@ -28,13 +23,11 @@ from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import (
-    BLUR,
     ProfileChooser,
-    ProfileChosen,
     ProfileImage,
-    ProfileLinear,
     ProfileLook,
     ProfileModel,
+    as_profile,
 )
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
@@ -45,16 +38,11 @@ OPTIONS = SolverOptions(
     good=0.2,
 )
 """First the lens with ten times the information of its prior, so that it moves by a third of its range (less lets thin
-clouds soften it, more increases the dependence on the start), and the modes of the air alone, until the pose is near.
-Derivatives are computed again after a predicted gain of five, because the effects of air and height nearly cancel;
-nearer, the changes of the gradient correct them."""
+clouds soften it, more increases the dependence on the start), until the pose is near. Derivatives are computed again
+after a predicted gain of five, because the effects of air and height nearly cancel; nearer, the changes of the gradient
+correct them."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """Settings of a start: the first stage alone, to about a standard deviation."""
-GROWTH_SIGMA = 0.5
-"""Prior standard deviation of ln(corner blur / axis blur)."""
-MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
-"""Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
-the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared beyond which its excess is no chance."""
 
@@ -64,26 +52,20 @@ class ProfileFit:
     """The most probable pose.
 
     ``covariance`` (7, 7): of a step from the pose, from noise, priors and air; ``relief_covariance``: the air's part.
-    ``blur_px``, ``gain``, ``background``: of the first image. ``squares``, ``determined``: sum of squares of the air's
-    unit unknowns, and the number of them that the pixels determine. ``improbable``: largest mode coefficient along the
-    limb, in standard deviations. ``explained``: smallest share of an image's variance that the prediction explains.
-    ``growth``, ``growth_sigma``: change of ln blur over the limb in view where it is most significant. ``uv`` (m, 2),
-    ``residuals_rad`` (m,): places on the first image's limb, and by how much their pixels would have it farther in.
-    ``steps`` (k, 7). ``models``, ``looks``, ``noises``, ``own``: of every image, for tests of its residuals.
+    ``squares``, ``determined``: sum of squares of the air's unit unknowns, and the number of them that the pixels
+    determine. ``improbable``: largest mode coefficient along the limb, in standard deviations. ``explained``: smallest
+    share of an image's variance that the prediction explains.
+    ``uv`` (m, 2), ``residuals_rad`` (m,): positions on the first image's limb, and by how much their pixels would have
+    it farther in. ``steps`` (k, 7). ``models``, ``looks``, ``noises``, ``own``: of every image, for tests of residuals.
     """
 
     pose: LimbPose
-    blur_px: float
-    gain: float
-    background: float
     covariance: FloatArray
     relief_covariance: FloatArray
     squares: float
     determined: float
     improbable: float
     explained: float
-    growth: float
-    growth_sigma: float
     uv: FloatArray
     residuals_rad: FloatArray
     steps: FloatArray
@@ -138,34 +120,26 @@ def fit_profiles(
 def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     """Return the fit and the claim of a solved shot."""
     chosen, seen, state, found = shot.chosen, shot.seen, shot.state, solution.shots[0]
-    assert isinstance(chosen, ProfileChosen)
+    assert chosen is not None
     assert seen is not None
-    models, noises = chosen.profiles, shot.noises
+    models, noises = [as_profile(model) for model in chosen.models], shot.noises
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
     of_air = (covariance - known) * strained(squares, determined)
     by_lens = found.by_shared[:POSE, :LENS]
     of_air += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
-    growths = [_growth(shot, solution, k) for k in range(len(models))]
-    growth, growth_sigma = max(growths, key=lambda one: abs(one[0]) / one[1])
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
     uv, off = by_sector(models[0], looks[0], weights[0])
     airs = [(model.air, state.air[at]) for model, at in zip(models, chosen.columns, strict=True)]
-    blur, _, gain, background = state.own[0]
     return ProfileFit(
         pose=state.pose,
-        blur_px=float(np.exp(blur)),
-        gain=float(np.exp(gain)),
-        background=float(background),
         covariance=known + of_air,
         relief_covariance=of_air,
         squares=squares,
         determined=determined,
         improbable=max(improbable(air.coefficients(z)[:, 1:], air.waves) for air, z in airs),
         explained=min(explained(*one) for one in zip(models, looks, noises, strict=True)),
-        growth=growth,
-        growth_sigma=growth_sigma,
         uv=uv,
         residuals_rad=off,
         steps=solution.steps[0],
@@ -183,28 +157,6 @@ def strained(squares: float, determined: float) -> float:
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
-
-
-def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
-    """Return the change of ln blur over an image's limb in view, and its standard deviation."""
-    assert isinstance(shot.chosen, ProfileChosen)
-    linear = solution.equations[0].linears[image]
-    assert isinstance(linear, ProfileLinear)
-    model, look, weights = shot.chosen.profiles[image], linear.look, linear.weights
-    column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
-    equations, solved = solution.equations[0], solution.solved
-    right = equations.rights_of(image, replace(look, residuals=column), weights)
-    information = float(weights @ column**2) + GROWTH_SIGMA**-2 - solved.product(0, right, right)
-    pull = float(weights @ (column * look.residuals)) - solved.product(0, right, equations.first_rights)
-    over = float(np.ptp(model.off_axis))
-    return over * pull / information, over / float(np.sqrt(information))
-
-
-def uneven_lens(growth: float, sigma: float) -> str | None:
-    """Return what is wrong with a lens whose blur's logarithm changes by ``growth`` over the limb, if anything is."""
-    if abs(growth) <= max(MOST_GROWTH, SURE_GROWTH * sigma):
-        return None
-    return f"the lens is {np.expm1(abs(growth)):.0%} softer at one part of the limb than at another"
 
 
 def explained(model: ProfileModel, look: ProfileLook, noise: PixelNoise) -> float:
@@ -234,6 +186,6 @@ def by_sector(model: ProfileModel, look: ProfileLook, weights: FloatArray) -> tu
         information = float(weights[here] @ per_rad[here] ** 2)
         pull = float((weights[here] * per_rad[here]) @ look.residuals[here])
         off.append(-pull / information if information > 0.0 else 0.0)
-        nearest = first + int(np.argmin(np.abs(near.height_m[here])))
+        nearest = first + int(np.argmin(np.abs(near.across_m[here])))
         uv.append([near.columns[nearest], near.rows[nearest]])
     return np.array(uv, dtype=float), np.array(off)

@@ -13,8 +13,8 @@ prediction fits the image best.
 Azimuths with light outside the limb that is no air's are left out (:mod:`..limb.foreign`).
 
 It also refuses an image that no tilt predicts, or of which the fit explains less than :data:`LEAST_EXPLAINED`; an air
-more than :data:`MOST_IMPROBABLE` from its tables; a lens whose blur changes along the limb by more than stated
-(:func:`.uneven_lens`); and what the guard of all fits refuses (:mod:`horizonval.estimation.fit.guard`).
+more than :data:`MOST_IMPROBABLE` from its tables; and what the guard of all fits refuses
+(:mod:`horizonval.estimation.fit.guard`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.fit.guard import accepted, guarded_fit, pulled
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.profile import ProfileImage
-from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
+from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles
 from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.foreign import without_foreign_light
@@ -82,9 +82,6 @@ def doubt_of(found: ProfileFit) -> Refusal | None:
     if found.improbable > MOST_IMPROBABLE:
         reason = f"the air would have to be {found.improbable:.1f} standard deviations from what its tables know"
         return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
-    lens = uneven_lens(found.growth, found.growth_sigma)
-    if lens is not None:
-        return Refusal(Outcome.AMBIGUOUS, lens, found.uv)
     return None
 
 

@@ -19,11 +19,9 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.clouds import CloudTable, first_cloud
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates, limb_function
 from horizonval.renderer.planet import dot
-from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.types import Vec
 
@@ -145,7 +143,7 @@ class OutlineTable:
         self._kernel = table_of(mi.Float64, self._values)
 
     @property
-    def size_bytes(self) -> int:
+    def nbytes(self) -> int:
         """Return the memory of the table."""
         return 2 * self._values.nbytes
 
@@ -192,20 +190,12 @@ def outline_of(view: FrameGeometry, clouds: CloudTable) -> OutlineTable:
     distance = math.sqrt(sum(float(c[0]) ** 2 for c in planet.stretch(view.origin)))
     needed = 2.0 * math.pi * LINES * longest * view.subsamples * planet.a_m / distance
     count = min(max(2 ** math.ceil(math.log2(needed)), FEWEST), MOST)
-    key = content_digest(
-        "cloud outline",
-        clouds.field,
-        (planet.a_m, planet.b_m),
-        tuple(float(c[0]) for c in view.origin),
-        None if bending is None else [np.array(column) for column in bending.single],
-        count,
-        mi.variant(),
-    )
-    return TABLES.get_or_make(key, lambda: OutlineTable(count), lambda table: table.size_bytes)
+    bent = None if bending is None else [np.array(column) for column in bending.single]
+    return view.position.table(lambda: OutlineTable(count), "cloud outline", clouds.field, bent, count)
 
 
 def _coordinates(view: FrameGeometry) -> RayCoordinates:
-    return RayCoordinates.of(view.planet, np.array([float(c[0]) for c in view.origin]), view.top_m)
+    return view.coordinates(view.top_m)
 
 
 def _limb_functions(

@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
@@ -41,6 +42,7 @@ from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.surface import Ground
 from horizonval.renderer.planet import Planet, cross_squared, dot
+from horizonval.renderer.position import Position
 from horizonval.renderer.refraction import BendingField
 from horizonval.renderer.types import Number, Values, Vec, constant, constant_vector, inverse_root
 
@@ -310,6 +312,16 @@ class FrameGeometry:
         number, width = mi.Float64(pixel), constant(self.width)
         row = dr.floor((number + 0.5) / width)
         return dr.fma(-row, width, number), row
+
+    @cached_property
+    def position(self) -> Position:
+        """The camera's position."""
+        x, y, z = (float(c[0]) for c in self.origin)
+        return Position(self.planet, (x, y, z))
+
+    def coordinates(self, top_m: float) -> RayCoordinates:
+        """Return the coordinates of the camera's rays; nothing is above ``top_m``."""
+        return RayCoordinates.of(self.planet, np.array(self.position.place_m), top_m)
 
     @property
     def highest_m(self) -> float:

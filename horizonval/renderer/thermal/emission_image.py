@@ -25,18 +25,18 @@ from horizonval.renderer.refraction import ray_end
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,
-    BandTables,
+    STATIONS,
     ThermalAir,
     ThermalView,
     WarmKind,
-    axes_for,
-    columns_for,
     ground_values,
     lagrange,
     limb_values,
     nodes_for,
 )
 from horizonval.renderer.types import Values, Vec, indices_where, inverse_root
+from horizonval.renderer.view_table.ray_table import RayPlane
+from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class RayEnds:
 
 @dataclass(frozen=True)
 class CloudyRays:
-    """Rays of a group that end on clouds: ``index`` in the group, place, azimuth, and how far through the layer."""
+    """Rays of a group that end on clouds: ``index`` in the group, place in the tables, and among the stations."""
 
     index: mi.UInt32
-    row: mi.Float64
+    x: mi.Float64
     azimuth: mi.Float64
-    along: mi.Float64
+    station: StationPlace
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class PlacedRays:
 
     rays: Rays | DiscCells
     to_ground: bool
-    row: mi.Float64
+    x: mi.Float64
     azimuth: mi.Float64
     ends: RayEnds
     cloudy: CloudyRays | None
@@ -97,20 +97,18 @@ class ThermalFrame:
         accuracy: float,
     ) -> ThermalFrame:
         """Look where all rays end; ``airs``: of all bands, with the same layers of thin cloud."""
-        origin = np.array([float(c[0]) for c in view.origin])
-        layered = any(len(air.band.layers) for air in airs)
-        coordinates = axes_for(RayCoordinates.of(view.planet, origin, airs[0].top_m), accuracy, layered)
+        coordinates = view.coordinates(airs[0].top_m)
         clouds = view.ground.model.clouds if view.ground is not None else None
         layer_m = None if clouds is None else clouds.top_m + ABOVE_TOPS_M
 
         def placed(rays: Rays | DiscCells | None, to_ground: bool) -> PlacedRays | None:
             if rays is None or not rays.count:
                 return None
-            row, azimuth = coordinates.place(view.origin, rays.direction, to_ground)
+            x, azimuth = RayPlane(coordinates, to_ground).place(view.origin, rays.direction)
             ends = _ends(view, rays, emission, to_ground)
-            dr.eval(row, azimuth, ends.shares, ends.warmth, ends.cloud, ends.t)
-            cloudy = _cloudy(view, rays.direction, row, azimuth, ends, layer_m, to_ground)
-            return PlacedRays(rays, to_ground, row, azimuth, ends, cloudy)
+            dr.eval(x, azimuth, ends.shares, ends.warmth, ends.cloud, ends.t)
+            cloudy = _cloudy(view, rays.direction, x, azimuth, ends, layer_m, to_ground)
+            return PlacedRays(rays, to_ground, x, azimuth, ends, cloudy)
 
         return cls(
             view,
@@ -128,9 +126,8 @@ class ThermalFrame:
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
         """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
-        columns = columns_for(self.coordinates, air.band, self.accuracy)
         nodes = nodes_for(self.nodes, self.accuracy)
-        band = ThermalView(air, self.coordinates, columns, nodes, self.layer_m)
+        band = ThermalView(air, self.view.position, self.coordinates, nodes, self.accuracy, self.layer_m)
         clear = self._marched(air) if self.view.gap_maps else self._looked_up(band)
         if self.ground is not None:
             radiance = mixed(clear(self.ground), air.kinds, self.ground.ends)
@@ -142,11 +139,11 @@ class ThermalFrame:
             yield cells.sun.cell, mi.Float64(1.0), self._disc(clear(self.sun)[1], cells.sun, self.sun)
 
     def _looked_up(self, band: ThermalView) -> Callable[[PlacedRays], Values]:
-        """Return what gives the quantities of :class:`BandTables` along rays through clear air, by the tables."""
-        tables = self._covered(band)
+        """Return what gives the quantities of :meth:`ThermalView.table` along rays through clear air."""
 
         def look(placed: PlacedRays) -> Values:
-            return (tables.ground if placed.to_ground else tables.limb).look(placed.row, placed.azimuth)
+            # negative ones are set to 0: radiance is never negative, but a spline dips below 0 where the air ends
+            return [dr.maximum(v, 0.0) for v in band.table(placed.to_ground).covered(placed.x, placed.azimuth)]
 
         return look
 
@@ -154,21 +151,12 @@ class ThermalFrame:
         """Return what gives the same quantities by a march of every ray, through the gaps of thin cloud."""
         gapped, planet, o = air.under(self.view.gap_maps), self.view.planet, self.view.origin
 
-        def march(placed: PlacedRays) -> Values:
-            d = np.stack([np.array(c) for c in placed.rays.direction], axis=-1)
-            values = (ground_values if placed.to_ground else limb_values)(gapped, planet, o, d, self.nodes)
+        def marched(placed: PlacedRays) -> Values:
+            march = ground_values if placed.to_ground else limb_values
+            values = march(gapped, planet, o, placed.rays.direction, self.nodes)
             return [table_of(mi.Float64, column) for column in values.T]
 
-        return march
-
-    def _covered(self, band: ThermalView) -> BandTables:
-        """Return the tables of a band with all nodes that the frame needs."""
-        tables = band.band_tables()
-        for placed in (self.ground, self.limb, self.sun):
-            if placed is not None:
-                table = tables.ground if placed.to_ground else tables.limb
-                table.cover(placed.row, placed.azimuth, band.values(placed.to_ground))
-        return tables
+        return marched
 
     def _disc(self, through: mi.Float64, disc: DiscCells, placed: PlacedRays) -> mi.Float64:
         if placed.ends.cloud is not None:
@@ -181,10 +169,9 @@ class ThermalFrame:
         if cloudy is None:
             return radiance
         dr.eval(radiance)
-        tables = band.cloud_tables()
-        table = tables.ground if placed.to_ground else tables.limb
-        table.cover(cloudy.row, cloudy.azimuth, band.station_values(placed.to_ground))
-        before, black = table.look(cloudy.row, cloudy.azimuth, cloudy.along)
+        table = band.cloud_table(placed.to_ground)
+        table.cover(cloudy.x, cloudy.azimuth)
+        before, black, *_ = look_at_stations(table, cloudy.x, cloudy.azimuth, cloudy.station, 1, [0])
         e = dr.opaque(mi.Float64, self.emission.cloud_emissivity, 1)
         behind = dr.gather(mi.Float64, radiance, cloudy.index) - before
         dr.scatter(radiance, before + e * black + (1.0 - e) * behind, cloudy.index)
@@ -194,7 +181,7 @@ class ThermalFrame:
 def _cloudy(
     view: FrameGeometry,
     d: Vec,
-    row: mi.Float64,
+    x: mi.Float64,
     azimuth: mi.Float64,
     ends: RayEnds,
     layer_m: float | None,
@@ -206,11 +193,12 @@ def _cloudy(
     index = indices_where(ends.cloud)
     if not dr.width(index):
         return None
-    x, y, z = (dr.gather(mi.Float64, c, index) for c in d)
-    start, end = way_through(view.planet, view.origin, (x, y, z), layer_m, to_ground)
+    d0, d1, d2 = (dr.gather(mi.Float64, c, index) for c in d)
+    start, end = way_through(view.planet, view.origin, (d0, d1, d2), layer_m, to_ground)
     along = (dr.gather(mi.Float64, ends.t, index) - start) / dr.maximum(end - start, 1e-3)
-    cloudy = CloudyRays(index, dr.gather(mi.Float64, row, index), dr.gather(mi.Float64, azimuth, index), along)
-    dr.eval(cloudy.row, cloudy.azimuth, cloudy.along)
+    station = StationPlace.at(along * (STATIONS - 1.0), 0.0, STATIONS - 1.0)
+    cloudy = CloudyRays(index, dr.gather(mi.Float64, x, index), dr.gather(mi.Float64, azimuth, index), station)
+    dr.eval(cloudy.x, cloudy.azimuth, station.lowest, station.beyond)
     return cloudy
 
 

@@ -16,10 +16,9 @@ Gaps of thin cloud are finer than any table over directions: with them every ray
 A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e) (L - P)``.
 
 Tables depend neither on where the camera looks nor on the Sun or the time of day: they serve all frames from a
-position, and grow where frames need them (:mod:`horizonval.renderer.tables`). Rows are even: the air's profile bends
-at heights that are the same all around, so that refined patches would need five times the rays for the same error.
-``render.accuracy`` sets rows, azimuths and evaluations along rays together (:func:`axes_for`, :func:`columns_for`,
-:func:`nodes_for`).
+position, and grow where frames need them (:mod:`horizonval.renderer.view_table.ray_table`). Knots are even: the air's
+profile bends at heights that are the same all around, so that halved patches would need five times the rays for the
+same error. ``render.accuracy`` sets knots and evaluations along rays together (:func:`knots_for`, :func:`nodes_for`).
 
 **The ends of rays.** Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g)
 sky_g]`` along a ray. Water mirrors: its sky is the air along the reflected ray. For all else sky_g is the mean radiance
@@ -43,7 +42,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expn
 
 from horizonval.core.arrays import FloatArray
@@ -63,11 +61,11 @@ from horizonval.earth.surface.ground_emission import (
 from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.planet import Planet, along, dot, way_through
+from horizonval.renderer.position import Position
 from horizonval.renderer.refraction import ApparentRadiusAir
-from horizonval.renderer.table_store import TABLES
-from horizonval.renderer.tables import NodeGrid, NodeValues, SplineTable, StationTable, vectors
 from horizonval.renderer.thermal.emission_march import AirColumns, ColumnBatch, Stations, march_emission
 from horizonval.renderer.types import Number, Vec
+from horizonval.renderer.view_table.ray_table import PACKET, Knots, NodeValues, RayPlane, RayTable
 
 SKY_LAYERS = 160
 ALL = slice(None)
@@ -182,17 +180,17 @@ TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
 USUAL_ACCURACY = 1e-3
 """Share of the bright limb for which the numbers below are."""
-LIMB_ROWS, GROUND_ROWS = 160, 64
-CROWDED_ROWS = 512
-"""Rows of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
+LIMB_PATCHES, GROUND_PATCHES = 14, 5
+"""Patches along rows."""
+CROWDED_PATCHES = 64
+"""The same of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
 STEP_SHARE = 0.75
 """Evaluations along rays of tables, as a share of those that a scene asks for."""
-COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 24
-"""Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
-COLUMNS_PER_RAD = 60.0
-"""The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
-MAP_COLUMNS = 5
-"""Times the azimuths of half a circle, all round through columns on a map, at each of which the air bends."""
+PATCHES_PER_RAD, FEWEST_PATCHES = 4.0, 2
+"""Patches over half a circle for each radian from the point below the camera to its horizon: the wider the circle, the
+more air. One is enough where the air is the same everywhere."""
+ON_A_MAP = 6
+"""Times the patches of half a circle, all round through columns on a map, at each of which the air bends."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
 
@@ -220,9 +218,7 @@ class ThermalAir:
         columns = AirColumns.of(band, air, gaps)
         refraction = None if air is None else (air.height_m, air.dr_dx, columns.altitude_m)
         # what clouds emit is not tabulated, and a name says nothing
-        digest = content_digest(
-            replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction, mi.variant()
-        )
+        digest = content_digest(replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction)
         batches = list(columns.batches(single=True))
         return cls(band, emission, columns.top_m, batches, GroundSource(band, emission), digest)
 
@@ -271,25 +267,20 @@ def lagrange(t: Number, nodes: Sequence[Number] | FloatArray) -> list[Number]:
     return out
 
 
-def axes_for(coordinates: RayCoordinates, accuracy: float, layered: bool) -> RayCoordinates:
-    """Return coordinates with as many rows as an accuracy needs; ``layered``: through layers of thin cloud."""
-    finer = (USUAL_ACCURACY / accuracy) ** 0.25
-    limb = CROWDED_ROWS if layered or coordinates.inside else LIMB_ROWS
-    return replace(
-        coordinates,
-        ground=replace(coordinates.ground, count=math.ceil(GROUND_ROWS * finer)),
-        limb=replace(coordinates.limb, count=math.ceil(limb * finer)),
-    )
-
-
-def columns_for(coordinates: RayCoordinates, band: EmittingBand, accuracy: float = USUAL_ACCURACY) -> int:
-    """Return how many azimuths a table has over half a circle, or all round where the air varies with longitude."""
-    if band.is_uniform:
-        return COLUMNS_ALIKE
+def knots_for(coordinates: RayCoordinates, band: EmittingBand, accuracy: float, to_ground: bool) -> Knots:
+    """Return the knots of a band's tables, as many as an accuracy needs."""
+    finer = USUAL_ACCURACY / accuracy
+    crowded = len(band.layers) or coordinates.inside
     horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
-    half = max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
-    half = math.ceil(half * math.sqrt(USUAL_ACCURACY / accuracy))
-    return half if band.column_map is None else MAP_COLUMNS * (half - 1)
+    half = max(math.ceil(PATCHES_PER_RAD * horizon_rad), FEWEST_PATCHES)
+    rows = CROWDED_PATCHES if crowded else LIMB_PATCHES
+    if to_ground:
+        # a quarter circle is about as long as the way to the horizon
+        rows = GROUND_PATCHES if band.is_uniform else max(2 * half, GROUND_PATCHES)
+    rows, half = math.ceil(rows * finer**0.25), math.ceil(half * math.sqrt(finer))
+    if band.column_map is None:
+        return Knots(rows, 1 if band.is_uniform else half, mirrored=True)
+    return Knots(rows, ON_A_MAP * half)
 
 
 def nodes_for(nodes: int, accuracy: float = USUAL_ACCURACY) -> int:
@@ -298,105 +289,59 @@ def nodes_for(nodes: int, accuracy: float = USUAL_ACCURACY) -> int:
 
 
 @dataclass(frozen=True)
-class BandTables:
-    """What a band looks like from one position through clear air: the whole radiance, and that of the Sun's disc."""
-
-    ground: SplineTable
-    limb: SplineTable
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of both."""
-        return self.ground.nbytes + self.limb.nbytes
-
-
-@dataclass(frozen=True)
-class CloudTables:
-    """P and Q along rays that meet clouds."""
-
-    ground: StationTable
-    limb: StationTable
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of both."""
-        return self.ground.nbytes + self.limb.nbytes
-
-
-@dataclass(frozen=True)
 class ThermalView:
-    """A band from one camera position, ``columns`` azimuths; ``layer_m``.
+    """A band from one camera position.
 
-    Where the stations begin, None without clouds.
+    ``layer_m``: where the stations begin, None without clouds.
     """
 
     air: ThermalAir
+    position: Position
     coordinates: RayCoordinates
-    columns: int
     nodes: int
+    accuracy: float
     layer_m: float | None = None
 
-    def grid(self, to_ground: bool) -> NodeGrid:
-        """Return the grid of rays to the ground, or past it."""
-        axis = self.coordinates.ground if to_ground else self.coordinates.limb
-        return NodeGrid(axis.count, self.columns, self.air.band.column_map is not None)
+    def table(self, to_ground: bool) -> RayTable:
+        """Return the table through clear air as far as it is made.
 
-    def band_tables(self) -> BandTables:
-        """Return the tables through clear air as far as they were made."""
+        To the ground the radiance over every kind at every temperature, else the air's and that of the Sun's disc.
+        """
+        quantities = sum(len(kind.temperature_k) for kind in self.air.kinds) if to_ground else 2
+        march = ground_values if to_ground else limb_values
 
-        def empty() -> BandTables:
-            quantities = sum(len(kind.temperature_k) for kind in self.air.kinds)
-            return BandTables(SplineTable(self.grid(True), quantities), SplineTable(self.grid(False), 2))
+        def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+            plane = RayPlane(self.coordinates, to_ground)
+            return march(self.air, self.coordinates.planet, plane.camera, plane.directions(x, azimuth), self.nodes)
 
-        return TABLES.get_or_make(self._key("clear"), empty, lambda tables: tables.nbytes)
+        return self._table("clear", values, quantities, to_ground)
 
-    def cloud_tables(self) -> CloudTables:
-        """Return the tables of clouds as far as they were made."""
+    def cloud_table(self, to_ground: bool) -> RayTable:
+        """Return the table of P and Q at the stations along rays as far as it is made."""
+        layer_m = self.layer_m
+        assert layer_m is not None
 
-        def empty() -> CloudTables:
-            return CloudTables(StationTable(self.grid(True), STATIONS), StationTable(self.grid(False), STATIONS))
+        def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+            plane = RayPlane(self.coordinates, to_ground)
+            found = _station_values(self.air, plane, plane.directions(x, azimuth), self.nodes, layer_m)
+            return np.pad(found, ((0, 0), (0, 0), (0, PACKET - 2))).reshape(len(x), -1)
 
-        return TABLES.get_or_make(self._key("clouds", self.layer_m), empty, lambda tables: tables.nbytes)
+        return self._table(f"clouds below {layer_m}", values, PACKET * STATIONS, to_ground, single=True)
 
-    def _key(self, *kind: object) -> str:
-        c = self.coordinates
-        return content_digest("thermal", *kind, self.air.digest, c, self.columns, self.nodes)
-
-    def values(self, to_ground: bool) -> NodeValues:
-        """Return what makes nodes of :class:`BandTables`."""
-
-        def at(row: NDArray[np.int64], column: NDArray[np.int64]) -> FloatArray:
-            o, d = self._rays(row, column, to_ground)
-            if to_ground:
-                return ground_values(self.air, self.coordinates.planet, o, d, self.nodes)
-            return limb_values(self.air, self.coordinates.planet, o, d, self.nodes)
-
-        return at
-
-    def station_values(self, to_ground: bool) -> NodeValues:
-        """Return what makes nodes of :class:`CloudTables`."""
-
-        def at(row: NDArray[np.int64], column: NDArray[np.int64]) -> FloatArray:
-            assert self.layer_m is not None
-            o, d = self._rays(row, column, to_ground)
-            return _station_values(self.air, self.coordinates.planet, o, d, to_ground, self.nodes, self.layer_m)
-
-        return at
-
-    def _rays(self, row: NDArray[np.int64], column: NDArray[np.int64], to_ground: bool) -> tuple[Vec, FloatArray]:
-        """Return the camera and the directions of nodes."""
-        axis = self.coordinates.ground if to_ground else self.coordinates.limb
-        azimuth = self.grid(to_ground).node_azimuths()[column]
-        d = self.coordinates.directions(axis.nodes()[row], azimuth, to_ground)
-        return vectors(self.coordinates.origin[None, :]), d
+    def _table(
+        self, name: str, values: NodeValues, quantities: int, to_ground: bool, *, single: bool = False
+    ) -> RayTable:
+        knots = knots_for(self.coordinates, self.air.band, self.accuracy, to_ground)
+        key = "thermal", name, to_ground, self.air.digest, self.coordinates.limb, knots, self.nodes
+        return self.position.table(lambda: RayTable(values, quantities, knots, single=single), *key)
 
 
-def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: Vec, nodes: int) -> FloatArray:
     """Return radiance of the air and of the Sun's disc through it, shape (rays, 2)."""
-    out = np.zeros((len(d), 2))
+    out = np.zeros((dr.width(d[0]), 2))
     first = 0
     for batch in air.batches:
-        more, through, _ = march_emission(planet, air.top_m, batch, o, vectors(d), mi.Bool(False), nodes)
+        more, through, _ = march_emission(planet, air.top_m, batch, o, d, mi.Bool(False), nodes)
         out[:, 0] += sum(np.array(m) for m in more)
         for transmittance, sun in zip(through, air.band.sun_radiance[first : first + batch.used], strict=True):
             out[:, 1] += np.array(transmittance) * sun
@@ -404,17 +349,17 @@ def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: i
     return out
 
 
-def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: Vec, nodes: int) -> FloatArray:
     """Return the radiance of rays that end on every kind of ground at every temperature, shape (rays, kinds x T)."""
-    ray, source, kinds = vectors(d), air.source, air.kinds
-    p, normal, up = mirrored(planet, o, ray)
+    source, kinds = air.source, air.kinds
+    p, normal, up = mirrored(planet, o, d)
     dr.eval(p, up)
-    cosine, up_there = -np.array(dot(normal, ray)), np.stack([np.array(c) for c in normal], axis=-1)
+    cosine, up_there = -np.array(dot(normal, d)), np.stack([np.array(c) for c in normal], axis=-1)
     black = {k.name: source.spline(k.temperature_k) for k in kinds}
-    out = np.zeros((sum(len(k.temperature_k) for k in kinds), len(d)))
+    out = np.zeros((sum(len(k.temperature_k) for k in kinds), dr.width(d[0])))
     first = 0
     for batch in air.batches:
-        more, through, _ = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(True), nodes)
+        more, through, _ = march_emission(planet, air.top_m, batch, o, d, mi.Bool(True), nodes)
         part = slice(first, first + batch.used)
         transmittance = [np.array(t) for t in through]
         out += sum(np.array(m) for m in more)
@@ -436,16 +381,14 @@ def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes:
     return out.T
 
 
-def _station_values(
-    air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, to_ground: bool, nodes: int, layer_m: float
-) -> FloatArray:
+def _station_values(air: ThermalAir, plane: RayPlane, d: Vec, nodes: int, layer_m: float) -> FloatArray:
     """Return P and Q, shape (rays, stations, 2)."""
-    ray = vectors(d)
-    start, end = way_through(planet, o, ray, layer_m, to_ground)
+    planet, o, to_ground, rays = plane.coordinates.planet, plane.camera, plane.to_ground, dr.width(d[0])
+    start, end = way_through(planet, o, d, layer_m, to_ground)
     stations = Stations(start, end, STATIONS, STATION_STEPS)
-    total = np.zeros((2, STATIONS, len(d)))
+    total = np.zeros((2, STATIONS, rays))
     for batch in air.batches:
-        _, _, at_stations = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(to_ground), nodes, stations)
+        _, _, at_stations = march_emission(planet, air.top_m, batch, o, d, mi.Bool(to_ground), nodes, stations)
         assert at_stations is not None
-        total += np.stack([np.array(k).reshape(STATIONS, len(d)) for k in at_stations])
+        total += np.stack([np.array(k).reshape(STATIONS, rays) for k in at_stations])
     return np.moveaxis(total, 0, -1).swapaxes(0, 1)

@@ -29,16 +29,12 @@ from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.march import SunlitStations
 from horizonval.renderer.kernel.node_batches import Place
 from horizonval.renderer.planet import way_through
-from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.sunlit_air import (
-    IN_SHADOW_BEFORE,
-    LEAST_BENDING_RAD,
-    STEPS_BEFORE,
     Light,
-    RayPlane,
     air_table,
+    stations_between,
 )
 
 STEPS_OUTSIDE, STEPS_INSIDE = 36, 12
@@ -92,29 +88,13 @@ class BrokenAir:
 
     def stations(self, o: Vec, d: Vec) -> SunlitStations:
         """Return the ends of pieces along rays."""
-        light, coordinates, to_ground = self.light, self.plane.coordinates, self.plane.to_ground
-        planet = coordinates.planet
-        first, _ = way_through(planet, o, d, constant(self._edges_m[0]), to_ground)
-        _, last = way_through(planet, o, d, constant(light.top_m), to_ground)
-        down: list[mi.Float64] = []
-        up: list[mi.Float64] = []
-        for level in self._edges_m:
-            mid, half, _ = planet.chord(o, d, constant(level))
-            down.append(mid - half)
-            up.insert(0, mid + half)
-        cuts = [first]
-        for t in [*down[1:], *([] if to_ground else up)]:
-            cuts.append(dr.clip(t, cuts[-1], last))
-        shadow = not light.shines_everywhere(coordinates)
-
-        def steps(usual: int) -> int:
-            return 3 * math.ceil(light.times_steps * usual / 3)
-
-        each = [n * steps(STEPS_OUTSIDE if layer is None else STEPS_INSIDE) for layer, n in self._passages]
-        numbers, taken = [0, *accumulate(n for _, n in self._passages)], [0, *accumulate(each)]
-        before = steps(STEPS_BEFORE * (IN_SHADOW_BEFORE if shadow else 1))
-        places = tuple(constant(n) for n in numbers), tuple(constant(n) for n in taken)
-        return SunlitStations((*cuts, last), *places, numbers[-1] + 1, taken[-1], before, shadow)
+        planet, to_ground, edges = self.plane.coordinates.planet, self.plane.to_ground, self._edges_m
+        first, _ = way_through(planet, o, d, constant(edges[0]), to_ground)
+        _, last = way_through(planet, o, d, constant(self.light.top_m), to_ground)
+        steps = [STEPS_OUTSIDE if layer is None else STEPS_INSIDE for layer, _ in self._passages]
+        numbers = [0, *accumulate(n for _, n in self._passages)]
+        up = [] if to_ground else edges[::-1]
+        return stations_between(self.light, self.plane.coordinates, o, d, (first, last), edges[1:], up, numbers, steps)
 
     @property
     def pieces(self) -> int:
@@ -126,54 +106,46 @@ class BrokenAir:
         """Packets of a batch in a piece: optical depths without and with cloud, then L, J and H, and of the ground."""
         return 8 if self.light.over_varied_ground else 5
 
-    def table(self, bright: FloatArray) -> PatchTable:
+    def table(self, bright: FloatArray) -> RayTable:
         """Return an empty table; ``bright``: radiance of the bright limb, (batches * 4,)."""
         light, plane, count, packets = self.light, self.plane, len(self.light.batches), self._packets
-        o = vectors(plane.coordinates.origin[None, :])
+        o = plane.camera
         shape = self.pieces, count, packets, PACKET
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-            d = vectors(plane.directions(x, azimuth))
+            d = plane.directions(x, azimuth)
             stations = self.stations(o, d)
-            out, bending = np.zeros((len(x), *shape)), np.zeros((len(x), PACKET))
+            out = np.zeros((len(x), *shape))
             for k, batch in enumerate(light.batches):
                 for cloud in (0, 1):
                     if batch is None:
                         continue
                     air = batch.under([None if gaps is None else Everywhere.of(gaps, cloud) for gaps in self.maps])
-                    *parts, angle = light.march_to_stations(
+                    *parts, _ = light.march_to_stations(
                         air, plane.coordinates, o, d, plane.to_ground, stations, attenuated=not cloud
                     )
-                    dr.eval(parts, angle)
+                    dr.eval(parts)
                     for first, part in zip((2, 5, 0), parts, strict=True):
                         for n, value in enumerate(part):
                             out[:, :, k, first + cloud, n] = np.asarray(value).reshape(self.pieces, -1).T
-                    if angle is not None:
-                        bending[:, 0] = np.asarray(angle)
             for first, behind in (span for spans in self._pieces_of.values() for span in spans):
                 depth = out[:, first:behind, :, 1]
                 for m in range(3, packets, 3):
                     source = out[:, first:behind, :, m] / np.maximum(depth, 1e-12)
                     out[:, first:behind, :, m + 1] = depth * np.gradient(source, axis=1)
-            return np.concatenate([out.reshape(len(x), -1), bending], axis=1)
+            return out.reshape(len(x), -1)
 
         scale = np.broadcast_to(bright.reshape(count, 1, PACKET), shape).copy()
         scale[:, :, :2] = 1.0
         own = np.full(shape, True)
         # radiances without cloud are smaller than the limb's
         own[:, :, 2::3] = False
-        return air_table(
-            light,
-            values,
-            np.concatenate([scale.ravel(), np.full(PACKET, LEAST_BENDING_RAD)]),
-            np.concatenate([own.ravel(), np.full(PACKET, True)]),
-            single=True,
-        )
+        return air_table(light, values, scale.ravel(), own.ravel(), single=True)
 
     def look(
-        self, table: PatchTable, x: mi.Float64, azimuth: mi.Float64, o: Vec, d: Vec, batch: int, width: int
-    ) -> tuple[Values, Values, Values, mi.Float64]:
-        """Return radiance, transmittance and what the ground adds of a batch along rays, and the bending angle."""
+        self, table: RayTable, x: mi.Float64, azimuth: mi.Float64, o: Vec, d: Vec, batch: int, width: int
+    ) -> tuple[Values, Values, Values]:
+        """Return radiance, transmittance and what the ground adds of a batch along rays."""
         stations, planet = self.stations(o, d), self.plane.coordinates.planet
         packets, count = self._packets, len(self.light.batches)
         parts = range(2, packets, 3)
@@ -229,8 +201,7 @@ class BrokenAir:
         _, depth, sums = dr.while_loop(
             start, lambda i, *_: i < last, body, labels=("i", "depth", "sums"), label="broken layers"
         )
-        bending = table.look(x, azimuth, [self.pieces * count * packets])[0]
-        return sums[:width], [dr.exp(-v) for v in depth], sums[width:], bending
+        return sums[:width], [dr.exp(-v) for v in depth], sums[width:]
 
 
 @dataclass(frozen=True)

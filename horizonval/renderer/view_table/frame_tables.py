@@ -1,52 +1,42 @@
 """The view tables of a frame, and the radiance of rays from them.
 
 A ray's radiance is that of the air before its end, from a table, and that of its end, which is computed ray by ray with
-the table's transmittance. Rays that end on a cloud have separate tables. The few in rough patches are marched.
+the table's transmittance. Rays that end on a cloud have separate tables.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
-from operator import or_
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
-from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
-from horizonval.renderer.refraction import RefractionTables
-from horizonval.renderer.table_store import TABLES
+from horizonval.renderer.refraction import ray_end
+from horizonval.renderer.table_store import Table
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
+from horizonval.renderer.view_table.stations import StationPlace, look_at_stations
 from horizonval.renderer.view_table.sunlit_air import (
     FAINT,
     Light,
-    RayPlane,
-    StationPlace,
-    bending_packet,
-    bounce_packet,
     bright_limb,
     brightest_air,
     cloudy_air,
     limb_plane,
-    look_at_stations,
-    packets_of,
     place_among,
-    radiance_packet,
     stations_along,
     sunlit_air,
 )
@@ -61,7 +51,7 @@ DARKEST = 1e-6
 class _Cloudy:
     """Rays of a group that end on clouds: their indices, and places in the table before clouds and in its stations."""
 
-    table: PatchTable
+    table: RayTable
     index: mi.UInt32
     x: mi.Float64
     azimuth: mi.Float64
@@ -70,14 +60,12 @@ class _Cloudy:
 
 @dataclass(frozen=True)
 class _Looked:
-    """A light as a group of rays sees it: its table, the rays' places in it, and which rays must be marched."""
+    """A light as a group of rays sees it: its table, and the rays' places in it."""
 
     light: Light
-    coordinates: RayCoordinates
-    table: PatchTable
+    table: RayTable
     x: mi.Float64
     azimuth: mi.Float64
-    marched: mi.UInt32
     cloudy: _Cloudy | None
     broken: BrokenAir | None
 
@@ -103,9 +91,8 @@ class FrameTables:
         self.view, self.digest, self.accuracy = view, digest, accuracy
         self.ground: LitRays | None = None
         self.limb: LitRays | None = None
-        self._origin = np.array([float(c[0]) for c in view.origin])
         self._lights = list(lights)
-        self._local = LocalLight.of(view)
+        self._local = LocalLight(view)
         self._bright = self._bright_limb(cells)
         clouds = None if view.ground is None else view.ground.model.clouds
         self._cloud_top_m = None if clouds is None else clouds.top_m
@@ -116,19 +103,17 @@ class FrameTables:
         view: FrameGeometry,
         cells: Cells,
         hits: tuple[SurfaceHit | None, SurfaceHit | None],
-        batches: Sequence[SolarNodes],
-        nodes: int,
+        lights: Sequence[Light],
         digest: str,
         accuracy: float,
     ) -> FrameTables | None:
         """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
         Frames with gaps of thin cloud and opaque clouds, or with two layers with gaps at one height, are marched.
-        ``hits``: where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored;
-        ``nodes``: evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
+        ``hits``: where rays to the ground end, and rays past it; ``digest``: of air, planet and orders of scattering;
         ``accuracy``: error allowed, as a share of the bright limb.
         """
-        lights = _lights(view, batches, nodes, accuracy)
+        lights = [light for light in lights if any(batch is not None for batch in light.batches)]
         clouds = view.ground is not None and view.ground.model.clouds is not None
         if not lights or (view.gap_maps and (clouds or not all(light.gaps_apart for light in lights))):
             return None
@@ -146,26 +131,17 @@ class FrameTables:
         if hit is not None and self._cloud_top_m is not None:
             clouded = indices_where(hit.cloud)
         for light in self._lights:
-            coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
-            last_m, top_m = light.air_ends_m
-            plane = RayPlane.of(coordinates, to_ground, {*light.edges_m, last_m}, top_m)
+            plane = RayPlane(self.view.coordinates(light.top_m), to_ground)
             x, azimuth = plane.place(self.view.origin, direction)
             dr.eval(x, azimuth)
             broken = BrokenAir(light, plane, self.view.gap_maps) if self.view.gap_maps else None
             table = self._table(light, plane, broken=broken)
             table.cover(x, azimuth)
-            rough = [] if (mask := table.rough(x, azimuth)) is None else [mask]
             cloudy = None
             if dr.width(clouded):
                 assert hit is not None
-                rough = [mask & ~hit.cloud for mask in rough]
                 cloudy = self._cloudy(light, plane, clouded, (x, azimuth), direction, hit)
-                if (mask := cloudy.table.rough(cloudy.x, cloudy.azimuth)) is not None:
-                    beside = dr.zeros(mi.Bool, dr.width(x))
-                    dr.scatter(beside, mask, clouded)
-                    rough.append(beside)
-            marched = indices_where(reduce(or_, rough)) if rough else mi.UInt32()
-            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched, cloudy, broken)
+            looked[light.name] = _Looked(light, table, x, azimuth, cloudy, broken)
         return LitRays(direction, to_ground, looked)
 
     def _cloudy(
@@ -196,10 +172,8 @@ class FrameTables:
         before the ground. In steps of a factor of four below the brightest all round, so that frames from one position
         share tables.
         """
-        planet, origin = self.view.planet, self._origin
-        key = self._key("bright limb", [self._key_of(light) for light in self._lights])
-        lights = self._lights
-        each = TABLES.get_or_make(key, lambda: bright_limb(lights, planet, origin), lambda table: table.nbytes)
+        view, lights = self.view, self._lights
+        each = self._kept(lambda: bright_limb(lights, view), "bright limb", [self._key_of(light) for light in lights])
         around = np.maximum(each.sum(axis=0), 1e-30)
         bright = self._brightest_in_frame(cells, around)
         shares = (each[:, 0].max(axis=1) / bright).max(axis=1)
@@ -211,9 +185,7 @@ class FrameTables:
         brightest = around[0].max(axis=0)
         if cells.limb.count:
             rows, sectors = around.shape[:2]
-            x, azimuth = limb_plane(self._lights[0], self.view.planet, self._origin).place(
-                self.view.origin, cells.limb.direction
-            )
+            x, azimuth = limb_plane(self._lights[0], self.view).place(self.view.origin, cells.limb.direction)
             sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * sectors) + (sectors + 0.5))) % sectors
             seen = dr.zeros(mi.UInt32, sectors)
             dr.scatter(seen, mi.UInt32(1), sector)
@@ -223,16 +195,15 @@ class FrameTables:
             some = table_of(mi.Float64, np.linspace(0.0, cells.ground.count - 1.0, GROUND_SAMPLES))
             x, y, z = (dr.gather(mi.Float64, c, mi.UInt32(some)) for c in cells.ground.direction)
             dr.eval(x, y, z)
-            found = brightest_air(self._lights, self.view.planet, self._origin, (x, y, z))
+            found = brightest_air(self._lights, self.view, (x, y, z))
         else:
             # A camera that sees only space.
             return np.asarray(brightest)
         found = np.maximum(found, DARKEST * brightest)
         return np.asarray(brightest * 4.0 ** np.floor(np.log(found / brightest) / math.log(4.0)))
 
-    def _key(self, name: str, *more: object) -> str:
-        origin = tuple(float(v) for v in self._origin)
-        return content_digest(name, self.digest, self.accuracy, origin, mi.variant(), *more)
+    def _kept(self, make: Callable[[], Table], *key: object) -> Table:
+        return self.view.position.table(make, self.digest, self.accuracy, *key)
 
     @staticmethod
     def _key_of(light: Light) -> tuple[object, ...]:
@@ -241,27 +212,19 @@ class FrameTables:
 
     def _table(
         self, light: Light, plane: RayPlane, cloud_top_m: float | None = None, broken: BrokenAir | None = None
-    ) -> PatchTable:
+    ) -> RayTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
-        # rays that end on a map or a cloud know themselves by how much they have turned
-        bends = (
-            plane.to_ground
-            and self.view.ground is None
-            and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
-        )
         names = [self._key_of(other) for other in (light, *self._lights)]
-        key = self._key(
-            "sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m, broken is not None
-        )
+        key = names, self._bright.tolist(), plane.to_ground, cloud_top_m, broken is not None
 
-        def make() -> PatchTable:
+        def make() -> RayTable:
             if broken is not None:
                 return broken.table(self._bright)
             if cloud_top_m is None:
-                return sunlit_air(light, plane, self._bright, bends)
+                return sunlit_air(light, plane, self._bright)
             return cloudy_air(light, plane, self._bright, cloud_top_m)
 
-        return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
+        return self._kept(make, "sunlit air", *key)
 
     def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
         """Return radiance and transmittance of every node of a batch along rays under the light ``name``.
@@ -272,33 +235,21 @@ class FrameTables:
         looked = rays.looked[name]
         nodes = looked.light.batches[batch]
         assert nodes is not None
-        first = radiance_packet(batch)
-        ends = rays.to_ground or hit is not None
-        bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
-        bends = bends and hit is None
-        count, width = len(looked.light.batches), nodes.width
+        width = nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
-        bending: mi.Float64 | None
         if looked.broken is not None:
             o, d = self.view.origin, rays.direction
-            *parts, bending = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
+            parts = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
             found = [value for part in parts for value in part]
-            dr.eval(found, bending)
+            dr.eval(found)
         else:
-            packets = [first, first + 1]
-            packets += [bounce_packet(count, False, batch)] if apart else []
-            packets += [bending_packet(count)] if bends else []
+            packets = looked.light.packets_of(nodes, batch)
             values = looked.table.look(looked.x, looked.azimuth, packets)
             lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
             found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
-            bending = values[-PACKET]
-        found += [bending] if bends and bending is not None else []
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)
-        if dr.width(looked.marched):
-            dr.eval(found)
-            self._march(looked, nodes, rays, hit, found)
         radiance, transmittance = found[:width], found[width : 2 * width]
         reflected = None
         if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
@@ -306,10 +257,9 @@ class FrameTables:
             factors = self._local.factors(nodes, looked.light.direction, rays.direction, rays.to_ground, cloud)
             assert factors is not None
             radiance, reflected = with_ground(radiance, found[2 * width : 3 * width], factors.air), factors.sky
-        if not ends:
+        if not rays.to_ground and hit is None:
             return radiance, transmittance
-        bending = (found[-1] if bends else None) if hit is None else hit.bending
-        ground = self._ends(looked.light, nodes, rays, hit, bending, reflected)
+        ground = self._ends(looked.light, nodes, rays, hit, reflected)
         counts = mi.Bool(True) if hit is None else hit.ends
         lit = zip(radiance, ground, transmittance, strict=True)
         return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance
@@ -319,44 +269,12 @@ class FrameTables:
         cloudy, nodes = looked.cloudy, looked.light.batches[batch]
         assert cloudy is not None
         assert nodes is not None
-        first = radiance_packet(batch)
-        packets = [first, first + 1]
-        if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
-            packets.append(bounce_packet(len(looked.light.batches), False, batch))
-        each = packets_of(looked.light, bends=False)
+        packets = looked.light.packets_of(nodes, batch)
+        each = len(looked.light.batches) * looked.light.packets
         values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, each, packets)
         kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
         for replaced, value in zip(found, kept, strict=True):
             dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
-        dr.eval(found)
-
-    def _march(
-        self,
-        looked: _Looked,
-        nodes: SolarNodes | GlowNodes,
-        rays: LitRays,
-        hit: SurfaceHit | None,
-        found: list[mi.Float64],
-    ) -> None:
-        """Put marched values in the place of those of some rays."""
-        index = looked.marched
-        if dr.width(index) == 1:
-            # twice: Dr.Jit compiles a kernel of its own for a lone ray
-            index = dr.opaque(mi.UInt32, int(index[0]), 2)
-        x, y, z = (dr.gather(mi.Float64, c, index) for c in rays.direction)
-        cloud = None
-        if hit is not None:
-            cloud = dr.gather(mi.Bool, hit.cloud, index), dr.gather(mi.Float64, hit.t, index)
-        # rays picked before and put back after the march, so that its kernel is the one that filled the table
-        dr.eval(x, y, z)
-        air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
-        dr.eval(air.radiance, air.bounce, air.transmittance, air.state[1])
-        exact = [*air.radiance, *air.transmittance, *air.bounce]
-        if len(found) > len(exact):
-            assert air.state[1] is not None
-            exact.append(air.state[1])
-        for value, replaced in zip(exact, found, strict=True):
-            dr.scatter(replaced, value, index)
         dr.eval(found)
 
     def _ends(
@@ -365,7 +283,6 @@ class FrameTables:
         nodes: SolarNodes | GlowNodes,
         rays: LitRays,
         hit: SurfaceHit | None,
-        bending: mi.Float64 | None,
         reflected: Values | None,
     ) -> Values:
         """Return the radiance of what is at the rays' ends."""
@@ -374,20 +291,9 @@ class FrameTables:
         planet, o, d = self.view.planet, self.view.origin, rays.direction
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
+        if hit is None:
+            bending = ray_end(planet, self.view.bending, o, d, path.t_low + path.length_after).bending
+        else:
+            bending = hit.bending
         sunlit = SunlitRays.of(nodes, planet, path, o, d, light.direction)
         return sunlit.ground_radiance(path, hit, bending, reflected)
-
-
-def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
-    """Return what shines in the air: Sun, Moon, and the air itself."""
-    glow = [b.glow for b in batches]
-    moonlit = view.moon is not None and view.moon.lights_earth
-    moon = [b.in_moonlight() if b.moonlight is not None and moonlit else None for b in batches]
-    solar: list[SolarNodes | None] = list(batches)
-    if view.sunless:
-        solar = [b if g is None and m is None else None for b, g, m in zip(batches, glow, moon, strict=True)]
-    lights = [Light("sun", solar, view.sun, view.top_m, nodes, accuracy)]
-    if view.moon is not None:
-        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes, accuracy))
-    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8), accuracy))
-    return [light for light in lights if any(b is not None for b in light.batches)]

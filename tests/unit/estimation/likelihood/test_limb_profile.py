@@ -25,16 +25,24 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit import known_profile
-from horizonval.estimation.fit.air import KnownAir, sun_of_time
+from horizonval.estimation.fit.air import KnownAir
 from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.known_profile import start_pose
+from horizonval.estimation.fit.pixels import ray_height
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
-from horizonval.estimation.fit.profile import OWN, ProfileChooser, ProfileImage, ProfileKnowledge, ProfileModel
-from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained, uneven_lens
-from horizonval.estimation.fit.profile_pixels import profile_pixels, ray_height
+from horizonval.estimation.fit.profile import (
+    BACKGROUND,
+    OWN,
+    ProfileChooser,
+    ProfileImage,
+    ProfileKnowledge,
+    ProfileModel,
+)
+from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained
+from horizonval.estimation.fit.profile_pixels import profile_pixels
 from horizonval.estimation.fit.templates import LimbTemplates, load_templates
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.methods import limb_profile
@@ -70,10 +78,8 @@ def fitted(
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [lift_sigma_m**-2])
     air = KnownAir(table(modes=modes, left=left), EPOCH, None, np.array([1.0, 0.0, 0.0]))
     planet = sphere(RADIUS_M)
-    knowledge = ProfileKnowledge(planet, mean, information, air.heights_m, air.nodes)
-    start = start_pose(
-        image, CAMERA, mean, TILT_SIGMA_RAD, planet, air.heights_m, lambda n, d, h: air.means(n, d, mean, h)
-    )
+    knowledge = ProfileKnowledge(planet, mean, information, air)
+    start = start_pose(image, CAMERA, knowledge, TILT_SIGMA_RAD)
     fit = fit_profile(image, CAMERA, start, knowledge)
     true = -cam @ r / np.linalg.norm(r)
     across = np.linalg.svd(true[None])[2][1:]
@@ -208,7 +214,6 @@ def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
     np.testing.assert_allclose(mean, 1.0 - ends, atol=2e-3)
     np.testing.assert_allclose(near, np.exp(-0.5 * (ends / LENGTH_RAD) ** 2), atol=6e-3)
     np.testing.assert_allclose(near**2 + elsewhere**2, 1.0, atol=2e-3)
-    assert len(nodes.names) == 3
 
 
 def sunlit(light: Any) -> LimbTemplates:
@@ -264,10 +269,11 @@ def test_a_sun_sensor_that_contradicts_the_time_is_believed_alone() -> None:
     place = LimbPose(np.eye(3), np.array([7e6, 0.0, 0.0]))
     sun = np.array([0.5, 0.6, np.sqrt(1.0 - 0.5**2 - 0.6**2)])
     hours_off = Rotation.from_rotvec([0.0, 0.4, 0.5]).apply(sun)
-    two_degrees = np.radians(2.0)
-    assert sun_of_time(hours_off, sun, np.eye(3), two_degrees) is None
-    assert sun_of_time(sun, Rotation.from_rotvec([0.0, two_degrees, 0.0]).apply(sun), np.eye(3), two_degrees) is sun
-    assert sun_of_time(sun, None, np.eye(3), two_degrees) is sun
+    observation = _level_image(q_cam_from_itrs=np.array([0.0, 0.0, 0.0, 1.0]), attitude_sigma_rad=np.full(3, 0.03))
+    near = Rotation.from_rotvec([0.0, 0.03, 0.0]).apply(sun)
+    assert known_profile.known_sun_itrs(replace(observation, sun_cam=sun), hours_off) is None
+    for read in (near, None):
+        assert known_profile.known_sun_itrs(replace(observation, sun_cam=read), sun) is sun
     table = sunlit(lambda z, a: 1.0 + z + np.sin(a) ** 2)
     normal, los, at = np.array([[0.8, 0.6, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([10e3])
     right, read = (KnownAir(table, EPOCH, sun, one).means(normal, los, place, at) for one in (sun, None))
@@ -277,8 +283,8 @@ def test_a_sun_sensor_that_contradicts_the_time_is_believed_alone() -> None:
 def test_nodes_stand_on_the_limb_of_the_ellipsoid() -> None:
     r, cam, _ = view(1)
     pose, axes = LimbPose(cam, r), WGS84.axes_m
-    curve = 0.5 * axes[0] / (r @ r - axes[0] ** 2)
-    near = profile_pixels(np.zeros((CAMERA.height, CAMERA.width)), CAMERA, pose, WGS84, (-40e3, 60e3), 60e3, curve)
+    image = np.zeros((CAMERA.height, CAMERA.width))
+    near = profile_pixels(image, CAMERA, pose, np.zeros(LENS), WGS84, (-40e3, 60e3), 60e3)
     heights = ray_height(near.nodes.los_cam.T, cam, r, axes).height_m
     assert np.abs(heights).max() < 1.0
 
@@ -316,7 +322,7 @@ def test_height_of_a_ray_is_the_least_along_it() -> None:
         turn = np.array([3e-6, -2e-6, 4e-6])
         turned = Rotation.from_rotvec(turn).as_matrix() @ cam
         moved = ray_height((cam @ d)[:, None], turned, r, axes).height_m[0] - ray.height_m[0]
-        assert moved == pytest.approx(float(turn @ ray.by_rotation[:, 0]), rel=0.02, abs=0.02)
+        assert moved == pytest.approx(float(turn @ ray.by_rotation((cam @ d)[:, None])[:, 0]), rel=0.02, abs=0.02)
         shift = np.array([10.0, -20.0, 15.0])
         shifted = ray_height((cam @ d)[:, None], cam, r + shift, axes).height_m[0] - ray.height_m[0]
         assert shifted == pytest.approx(float(ray.by_position[:, 0] @ shift), abs=0.3)
@@ -411,7 +417,7 @@ def test_an_aperture_throws_an_edge_as_far_as_its_rings_say() -> None:
     ("name", "sigma_px"), [("ir-bolometer-160-57deg-full", 0.5), ("vis-cmos-1024-60deg-full", 0.9)]
 )
 def test_a_sampled_lens_behind_its_aperture_is_the_simulated_one(name: str, sigma_px: float) -> None:
-    """Sums over the simulated sensor's kernel, whose band has many wavelengths and whose square ends; 1 %."""
+    """Against sums over the simulated sensor's kernel, whose band has many wavelengths and whose square ends."""
     camera = load_camera(name)
     lens = stated_lens(camera, camera.band[0])
     assert lens is not None
@@ -420,21 +426,15 @@ def test_a_sampled_lens_behind_its_aperture_is_the_simulated_one(name: str, sigm
     reach = lens_spread.core_reach_px(sigma_px, 0.0, lens.diffraction_px)
     kernel = lens_spread.core_kernel(sigma_px, 0.0, camera.band[0], f_number, pitch_m, reach)
     step, pixel_m = 500.0, 10e3
-    boxes = np.array([[0.8, 0.6], [1.0, 0.0]]) * pixel_m
-    grid = step * np.arange(2001)
-    one_aperture = Lens(diffraction_px=lens.diffraction_px)
-    tables = BlurredProfiles(np.repeat(mean_profile(grid)[None, None], 2, axis=0), step, boxes, one_aperture)
-    _, sampled, by_smooth, by_sampled = tables._parts(sigma_px)
-    place = np.arange(-reach, reach + 1)
-    cycles = np.fft.rfftfreq(2 * len(grid) - 2, step)
-    shown = slice(0, 160, 8)  # to 1.6 cycles per pixel
-    for boxes_m, found in zip(boxes, sampled, strict=True):
-        turns = 2.0 * np.pi * np.add.outer(boxes_m[1] * place, boxes_m[0] * place)[..., None] * cycles[shown]
-        wanted = np.einsum("ij,ijf->f", kernel, np.cos(turns))
-        np.testing.assert_allclose(found[shown], wanted, atol=0.012)
-    wider, narrower = (tables._parts(sigma_px * f) for f in (np.exp(0.01), np.exp(-0.01)))
-    np.testing.assert_allclose(by_smooth, (wider[0] - narrower[0]) / 0.02, atol=1e-4)
-    np.testing.assert_allclose(by_sampled, (wider[1] - narrower[1]) / 0.02, atol=1e-4)
+    grid = np.arange(-400e3, 500e3, step)
+    boxes, one_aperture = np.array([[0.8, 0.6]]) * pixel_m, Lens(diffraction_px=lens.diffraction_px)
+    tables = BlurredProfiles(mean_profile(grid)[None, None], step, boxes, one_aperture)
+    offsets = np.meshgrid(*(part * (np.arange(20) - 9.5) / 20.0 for part in boxes[0]))
+    pixel, place = (offsets[0] + offsets[1]).ravel(), np.arange(-reach, reach + 1)
+    away = np.add.outer(boxes[0, 1] * place, boxes[0, 0] * place).ravel()
+    at = np.array([0.0, 20e3, 30e3, 40e3, 60e3])
+    wanted = [kernel.ravel() @ mean_profile(h + away[:, None] + pixel).mean(axis=1) for h in at]
+    np.testing.assert_allclose(on(grid, tables.values(sigma_px, 1.0)[0, 0], at), wanted, atol=0.012)
 
 
 def test_a_spline_of_half_the_places_has_the_same_heights_and_slopes() -> None:
@@ -462,10 +462,8 @@ def knowledge_of(seed: int, camera: CameraModel, strength: float = 1.0) -> tuple
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [300.0**-2])
     air = KnownAir(table(modes=True, left=True), EPOCH, None, np.array([1.0, 0.0, 0.0]))
     planet = sphere(RADIUS_M)
-    knowledge = ProfileKnowledge(planet, mean, information, air.heights_m, air.nodes)
-    start = start_pose(
-        image, camera, mean, TILT_SIGMA_RAD, planet, air.heights_m, lambda n, d, h: air.means(n, d, mean, h)
-    )
+    knowledge = ProfileKnowledge(planet, mean, information, air)
+    start = start_pose(image, camera, knowledge, TILT_SIGMA_RAD)
     return image, knowledge, start
 
 
@@ -473,7 +471,7 @@ def chosen_model(seed: int, **drawn: Any) -> tuple[ProfileModel, LimbPose, np.nd
     """A model with its air, its pose, own unknowns and drawn unknowns of the air."""
     image, knowledge, start = knowledge_of(seed, CAMERA)
     choose = ProfileChooser([ProfileImage(image, CAMERA, knowledge)])
-    model = choose(ShotState(start, (knowledge.own,), np.zeros(0)), np.zeros(LENS), None, 1.0, None).profiles[0]
+    model = choose(ShotState(start, (knowledge.own,), np.zeros(0)), np.zeros(LENS), None, 1.0, None).models[0]
     own = np.array([np.log(0.6), 0.4, np.log(900.0), 10.0])
     return model, start, own, 0.3 * np.random.default_rng(5).normal(size=model.air.wave.shape[1])
 
@@ -542,29 +540,28 @@ def test_no_start_takes_it_long(seed: int) -> None:
     for away_px in (0.0, 3.0, -3.0):
         moved = start.moved(np.array([away_px / camera.fx, away_px / camera.fy, 0.0, 0.0, 0.0, 0.0, 0.0]))
         fits.append(fit_profile(image, camera, moved, knowledge))
-    assert max(len(fit.steps) for fit in fits) <= 20
+    assert max(len(fit.steps) for fit in fits) <= 24
     by = nadir_derivative(fits[0].pose)
     claimed = float(np.sqrt(np.trace(by @ fits[0].covariance @ by.T)))
     for fit in fits[1:]:
         assert float(np.linalg.norm(fit.pose.nadir_cam - fits[0].pose.nadir_cam)) < 0.3 * claimed
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_lens_that_softens_towards_the_corners_is_noticed(seed: int) -> None:
-    """The blur grows by a factor of 2.5 to the corners; the limb goes through the middle and out at the sides."""
-    _, knowledge, start = knowledge_of(seed, CAMERA)
-    found = {}
-    for growth in (0.0, 0.9):
+def test_a_lens_that_softens_towards_the_corners_is_in_the_claim() -> None:
+    """The blur grows by a factor of 2.5 to the corners; the limb goes through the middle and out at the sides.
+
+    The mean of three squares of two degrees of freedom is below 2.6 in 98 of 100 cases.
+    """
+    squares = []
+    for seed in range(3):
+        _, knowledge, start = knowledge_of(seed, CAMERA)
         r, cam, rng = view(seed)
-        image = picture(cam, r, rng, modes=True, growth=growth)
-        fit = fit_profile(image, CAMERA, start, knowledge)
-        found[growth] = (fit.growth, fit.growth_sigma)
-    assert abs(found[0.0][0]) < 4.0 * found[0.0][1]
-    assert uneven_lens(*found[0.0]) is None
-    assert found[0.9][0] > 5.0 * found[0.9][1]
-    reason = uneven_lens(*found[0.9])
-    assert reason is not None
-    assert "softer at one part of the limb" in reason
+        fit = fit_profile(picture(cam, r, rng, modes=True, growth=0.9), CAMERA, start, knowledge)
+        true = -cam @ r / np.linalg.norm(r)
+        across = np.linalg.svd(true[None])[2][1:]
+        by, error = across @ nadir_derivative(fit.pose), across @ (fit.pose.nadir_cam - true)
+        squares.append(float(0.5 * error @ np.linalg.solve(by @ fit.covariance @ by.T, error)))
+    assert np.mean(squares) < 2.6
 
 
 def test_a_floor_leaves_the_background_known() -> None:
@@ -575,7 +572,7 @@ def test_a_floor_leaves_the_background_known() -> None:
     floor = fit.models[0].floor
     assert floor is not None
     assert floor.sigma == pytest.approx(20.0, rel=0.1)
-    assert abs(fit.background) < 0.5 * floor.sigma
+    assert abs(fit.own[0][BACKGROUND]) < 0.5 * floor.sigma
 
 
 def seen(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Observation, np.ndarray]:

@@ -14,8 +14,9 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.fit.air import POLE_ITRS, LimbNodes, NodeAir, common_air, node_air
+from horizonval.estimation.fit.air import POLE_ITRS, KnownAir, NodeAir, common_air
 from horizonval.estimation.fit.heights import correlations
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -160,11 +161,9 @@ def air_at(azimuth_rad: FloatArray) -> NodeAir:
     lying = np.column_stack([0.9 * np.ones_like(azimuth_rad), 0.4 * np.cos(azimuth_rad), 0.4 * np.sin(azimuth_rad)])
     up = lying / np.linalg.norm(lying, axis=1)[:, None]
     los = np.cross(up, np.cross([1.0, 0.0, 0.0], up))
-    known = table(modes=True, left=True)
-    mean, modes, left = (np.repeat(part[0], len(up), axis=0) for part in (known.mean, known.modes, known.left_sigma))
-    lengths = np.repeat(known.correlation_rad, len(up), axis=0)
-    places = LimbNodes(up, los / np.linalg.norm(los, axis=1)[:, None])
-    return node_air(known.height_m, mean, modes, left, lengths, places, (-30e3, 90e3, 500.0), 0.0)
+    known = KnownAir(table(modes=True, left=True), datetime(2026, 1, 16, tzinfo=UTC), None, POLE_ITRS)
+    pose = LimbPose(np.eye(3), 7e6 * up[0])
+    return known.nodes(up, los / np.linalg.norm(los, axis=1)[:, None], pose, (-30e3, 90e3, 500.0), 0.0)
 
 
 def test_waves_of_all_heads_have_the_covariance_of_all_places() -> None:

@@ -47,9 +47,7 @@ def drawn(seed: int) -> tuple[FloatArray, ProfileKnowledge, LimbPose, LimbPose]:
     away = np.concatenate([rng.normal(0.0, TILT_SIGMA_RAD, 3), rng.normal(0.0, POSITION_SIGMA_M, 3), [0.0]])
     sigmas = np.concatenate([[TILT_SIGMA_RAD] * 3, [POSITION_SIGMA_M] * 3, [LIFT_SIGMA_M]])
     mean = true.moved(away)
-    known = ProfileKnowledge(
-        WGS84, mean, np.diag(sigmas**-2.0), air.heights_m, air.nodes, gain=100.0, gain_log_sigma=GAIN_SIGMA
-    )
+    known = ProfileKnowledge(WGS84, mean, np.diag(sigmas**-2.0), air, gain=100.0, gain_log_sigma=GAIN_SIGMA)
     model = ProfileModel(np.ones((CAMERA.height, CAMERA.width)), CAMERA, true, np.zeros(LENS), 0.6, known)
     lift = np.concatenate([np.zeros(POSE - 1), [rng.normal(0.0, LIFT_SIGMA_M)]])
     own = np.array([np.log(0.6), 0.5, np.log(known.gain) + rng.normal(0.0, GAIN_SIGMA), 0.0])
@@ -60,11 +58,7 @@ def drawn(seed: int) -> tuple[FloatArray, ProfileKnowledge, LimbPose, LimbPose]:
     image = np.where(darker_side(near.rows, shown), 0.0, shown.max())
     image[places(model)] = shown
     image += rng.normal(0.0, NOISE * shown.max(), image.shape)
-
-    def means(normal: FloatArray, los: FloatArray, height_m: FloatArray) -> FloatArray:
-        return air.means(normal, los, mean, height_m)
-
-    start = start_pose(image, CAMERA, mean, TILT_SIGMA_RAD, WGS84, air.heights_m, means)
+    start = start_pose(image, CAMERA, known, TILT_SIGMA_RAD)
     return image, known, start, true
 
 

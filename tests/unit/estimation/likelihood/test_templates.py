@@ -1,4 +1,4 @@
-"""Tables of profiles: interpolation, files, damage, and the spline between positions."""
+"""Tables of profiles: interpolation, files, damage."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 from horizonval.core.errors import UserError
 from horizonval.estimation.fit.heights import everywhere
@@ -16,8 +15,6 @@ from horizonval.estimation.fit.templates import (
     FOLDER,
     LimbTemplates,
     load_templates,
-    slopes,
-    spline_weights,
     templates_of,
 )
 
@@ -194,27 +191,3 @@ def test_a_table_with_a_damaged_part_is_refused_in_one_line(tmp_path: Path) -> N
 def test_a_name_that_no_file_can_have_is_refused() -> None:
     with pytest.raises(UserError):
         templates_of(Path("a\0.npz"))
-
-
-AXIS = np.array([0.0, 0.4, 0.7, 1.3, 1.5, 2.2])
-VALUES = np.array([1.0, 3.0, 2.0, 2.5, 0.5, 0.0])
-
-
-@pytest.mark.parametrize("level", [(True, True), (True, False), (False, True), (False, False)])
-def test_as_the_spline_of_the_same_ends(level):
-    def parabola(x, y):
-        return np.polyder(np.poly1d(np.polyfit(x, y, 2)))(x[0])
-
-    ends = (
-        (1, 0.0 if level[0] else parabola(AXIS[:3], VALUES[:3])),
-        (1, 0.0 if level[1] else parabola(AXIS[:-4:-1], VALUES[:-4:-1])),
-    )
-    x = np.linspace(0.0, 2.2, 50)
-    found = spline_weights(AXIS, slopes(AXIS, level), x) @ VALUES
-    np.testing.assert_allclose(found, CubicSpline(AXIS, VALUES, bc_type=ends)(x), atol=1e-12)
-
-
-def test_ends_hold_and_weights_sum_up_to_one():
-    weights = spline_weights(AXIS, slopes(AXIS, (False, True)), np.array([-1.0, 0.9, 3.0]))
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-    np.testing.assert_allclose(weights @ VALUES, [1.0, weights[1] @ VALUES, 0.0], atol=1e-12)
