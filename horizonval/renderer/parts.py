@@ -388,7 +388,7 @@ class PartScene:
         return self.share > 0.0
 
     @property
-    def size_bytes(self) -> int:
+    def nbytes(self) -> int:
         """Return the memory of the ways."""
         return sum(16 * dr.width(part.weight) for ways in self._ways_of.values() for part in ways)
 
@@ -653,7 +653,6 @@ def with_parts(
     parts = TABLES.get_or_make(
         key,
         lambda: PartScene(scene.part, triangles, model, share, samples, key),
-        lambda table: table.size_bytes,
     )
     sun, radius = np.array(truth.sun_itrs), truth.sun_angular_radius_rad
     light = parts.light(bands, sky, Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(), sun, radius)

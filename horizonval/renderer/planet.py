@@ -14,8 +14,8 @@ heights, on its way down and on its way up. Every piece has a fixed number of st
 differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:data:`STEPS_PER_SCALE`), half the
 march's outside the highest and below the lowest one, a quarter between two. A piece without length, of a ray that
 passes above, has no steps: as a piece shrinks so does its contribution, and nothing jumps. Within a
-piece steps are even in the ray parameter; where the umbra's edge crosses the ray, there are twice as many, a third of
-them before, in and behind it: as a part shrinks, its share of the steps stays, so that nothing jumps either.
+piece steps are even in the ray parameter; where the umbra's edge crosses the ray, a third of them lies before, in and
+behind it: as a part shrinks, its share of the steps stays, so that nothing jumps either.
 """
 
 from __future__ import annotations
@@ -323,17 +323,19 @@ def layered_steps(
     umbra: tuple[mi.Float64, mi.Float64] | None = None,
     *,
     spare: bool = False,
+    twice: bool = False,
 ) -> LayeredSteps:
     """Return the steps of rays, cut at the edges of layers.
 
     ``bands``: heights between which layers lie; ``count``: steps of the march without layers; ``umbra``: ``y`` where
     rays enter and leave the umbra, their ends where they do not; ``spare``: fewer steps above the layers
-    (:data:`SPARE_OUTER`).
+    (:data:`SPARE_OUTER`); ``twice``: as many steps where the umbra's edge crosses a ray.
     """
     crossed, ends, times = mi.Bool(False), None, mi.Float64(1.0)
     if umbra is not None:
         crossed = (umbra[0] > path.y0) | (umbra[1] < path.y1)
-        ends, times = (umbra[0], dr.maximum(umbra[1], umbra[0])), dr.select(crossed, constant(2.0), 1.0)
+        ends = umbra[0], dr.maximum(umbra[1], umbra[0])
+        times = dr.select(crossed, constant(2.0 if twice else 1.0), 1.0)
     begin, end = path.t_low - path.length_before, path.t_low + path.length_after
     down: list[mi.Float64] = []
     up: list[mi.Float64] = []

@@ -130,12 +130,12 @@ def march_air(
     to_ground: mi.Bool,
     nodes: int,
     cloud: tuple[mi.Bool, mi.Float64] | None = None,
-    lit: bool = False,
+    lit: bool | None = None,
 ) -> AirMarch:
     """Return the radiance and transmittance of the air along rays, without what is at their ends.
 
-    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`; ``lit``: the
-    caller knows that no shadow cuts the rays.
+    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`; ``lit``:
+    whether no shadow cuts the rays; None if that is not known, and rays that one cuts have twice the steps.
     """
     count = max(nodes // 2, 3)
     # as data, so that rays to the ground and past it share a kernel
@@ -148,7 +148,7 @@ def march_air(
         shadow = rays.shadow(path, 0 if lit else count // 2)
     else:
         bands = bands or (LayerBand(batch.layer_m, top_m),)
-    steps = layered_steps(planet, path, o, d, bands, count, umbra=shadow, spare=lit)
+    steps = layered_steps(planet, path, o, d, bands, count, umbra=shadow, spare=bool(lit), twice=lit is None)
 
     def bound(i: mi.Float64) -> mi.Float64:
         return warp(path, steps.boundary(i))

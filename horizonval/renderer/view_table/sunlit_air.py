@@ -1,7 +1,7 @@
 r"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, without what
-reflects at the rays' ends.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that,
+without what reflects at the rays' ends.
 
 **Air before clouds**: radiance and transmittance from the camera to stations along rays.
 The stations lie between where a ray enters the layer of the cloud tops and where it leaves it or meets the ground. The
@@ -33,8 +33,8 @@ from horizonval.renderer.view_table.stations import LEAST_INTERVALS, StationPlac
 
 USUAL = 1e-3
 """Accuracy at which tables have the steps that the constants below say."""
-MORE_NODES = 2.0
-"""Times the evaluations of the direct march at the usual accuracy."""
+MORE_NODES, MORE_NODES_IN_SHADOW = 2.0, 4.0
+"""Times the evaluations of the direct march at the usual accuracy, without and with a shadow that may cut rays."""
 OF_A_KINK = 4.0
 """How many accuracies the splines through every second node may miss. The spline through all of them halves that at a
 kink, and divides it by sixteen where radiance is smooth."""
@@ -132,6 +132,8 @@ class Light:
         to_ground: bool,
     ) -> AirMarch:
         """March as rays of the table are."""
+        lit = self.shines_everywhere(coordinates)
+        more = MORE_NODES if lit else MORE_NODES_IN_SHADOW
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -140,8 +142,8 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            round(MORE_NODES * self.times_steps * self.nodes),
-            lit=self.shines_everywhere(coordinates),
+            round(more * self.times_steps * self.nodes),
+            lit=lit,
         )
 
     def march_to_stations(
