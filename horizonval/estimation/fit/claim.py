@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
+from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, agreeing, guarded_fit
 from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import INSIDE_PX, LIT_SHARE
 from horizonval.estimation.fit.limb import FITTED, LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.fit.profile_fit import ProfileFit
-from horizonval.estimation.guard.knowledge import contradicted
+from horizonval.estimation.guard.limits import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -45,11 +45,9 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
     if isinstance(found, Refusal):
         return found
-    known = knowledge.mean, knowledge.information
-    wrong = pulled(found.pose, found.covariance, *known, found.uv, LEAST_LEARNT_BY_EDGE)
-    if isinstance(wrong, Refusal):
-        return wrong
-    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
+    found = agreeing(found, knowledge, LEAST_LEARNT_BY_EDGE)
+    if isinstance(found, Refusal):
+        return found
     claimed = fit_of(found, observation, knowledge.ellipsoid)
     # What a sphere's fit does not use of the prior must agree with it nevertheless.
     radius, distance = observation.prior.sphere_radius_m, float(np.linalg.norm(found.pose.r_itrs))

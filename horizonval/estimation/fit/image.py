@@ -45,13 +45,9 @@ class Linear(Protocol):
     """
 
     exact: ClassVar[bool]
-
-    @property
-    def shared(self) -> FloatArray: ...
-    @property
-    def mixed(self) -> FloatArray: ...
-    @property
-    def air(self) -> FloatArray: ...
+    shared: FloatArray
+    mixed: FloatArray
+    air: FloatArray
 
     def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides, shapes (s,) and (k,), at another look."""

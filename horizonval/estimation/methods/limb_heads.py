@@ -38,13 +38,10 @@ from horizonval.estimation.limb.picture import wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
 
-FEWEST_HEADS = 2
-"""One head is what the methods of one image are for."""
-
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from the images of all heads."""
-    if len(observation.heads) < FEWEST_HEADS:
+    if len(observation.heads) < 2:
         return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
     heads, sights = [], []
     for name, one in observation.heads.items():

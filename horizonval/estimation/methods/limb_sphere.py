@@ -12,14 +12,10 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
-from horizonval.estimation.fit.guard import too_wide
+from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.known import sphere_start
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
-
-SHARE_IN_AIR = 5.0
-"""Uncertainty that is accepted of a camera within the air, relative to others: a degree by default. Its limb may be at
-any height below its own."""
 
 
 def run(observation: Observation) -> Fit | Refusal:
@@ -32,12 +28,11 @@ def run(observation: Observation) -> Fit | Refusal:
         start, knowledge = sphere_start(observation, found.los_cam)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
+    prior = observation.prior
     fit = claim(picture, observation, start, knowledge)
-    if isinstance(fit, Refusal):
-        return fit
-    share = 1.0 if altitude_in_air_m(observation.prior) is None else SHARE_IN_AIR
-    refusal = too_wide(fit, share * observation.prior.accept_rad)
-    return fit if refusal is None else refusal
+    # To a camera within the air the limb may be at any height below its own: a degree is accepted by default.
+    share = 1.0 if altitude_in_air_m(prior) is None else 5.0
+    return accepted(fit, share * prior.accept_rad)
 
 
 ESTIMATOR = Estimator(
