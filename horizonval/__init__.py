@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from horizonval.api.session import Session
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome, Refusal
-    from horizonval.estimation.methods.ideal import HorizonReading, horizon_sensor
+    from horizonval.estimation.methods.ideal import horizon_sensor
     from horizonval.estimation.observation import Estimator, Fit, Observation
     from horizonval.estimation.prior import Prior
     from horizonval.scoring.row import Score
@@ -54,7 +54,6 @@ __all__ = [
     "Fit",
     "Frame",
     "FrameDerivatives",
-    "HorizonReading",
     "Image",
     "Located",
     "Observation",
@@ -101,7 +100,7 @@ _HOMES = {
     "api.session": ("Session",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome", "Refusal"),
-    "estimation.methods.ideal": ("HorizonReading", "horizon_sensor"),
+    "estimation.methods.ideal": ("horizon_sensor",),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
     "estimation.prior": ("Prior",),
     "scoring.row": ("Score",),

@@ -626,9 +626,16 @@ def pulled(
     return added
 
 
-def agreeing(found: F, known: Known, least_learnt: float = LEAST_LEARNT) -> F | Refusal:
-    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`."""
-    wrong = pulled(found.pose, found.covariance, known.mean, known.information, found.uv, least_learnt)
+def agreeing(
+    found: F, known: Known, least_learnt: float = LEAST_LEARNT, plain: FloatArray | None = None
+) -> F | Refusal:
+    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`.
+
+    ``plain``: shape (7, 7), covariance of the fit's equations alone, where scatter has widened the fit's.
+    """
+    wrong = pulled(
+        found.pose, found.covariance if plain is None else plain, known.mean, known.information, found.uv, least_learnt
+    )
     if isinstance(wrong, Refusal):
         return wrong
     relief = found.relief_covariance + wrong

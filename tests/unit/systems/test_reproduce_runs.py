@@ -83,7 +83,7 @@ def test_a_second_run_in_the_same_folder_is_refused_and_leftovers_of_a_killed_on
     left = out / run_module.WORK / "ab" / ".abc.json.1.tmp"
     left.parent.mkdir(parents=True)
     left.write_text("{")
-    first = run_module.reproduce_systems(["B"], out)
+    first: Any = run_module.reproduce_systems(["B"], out)
     assert next(first)["system"] == "B"
     assert not left.exists()
     with pytest.raises(UserError, match="another run"):
