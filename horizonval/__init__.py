@@ -31,28 +31,35 @@ if TYPE_CHECKING:
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
     from horizonval.api.info import list_cameras, list_estimators, list_scenes, list_suites
+    from horizonval.api.locate import Located, locate
     from horizonval.api.run import Run, open_run, run
     from horizonval.api.scene import Scene
     from horizonval.api.session import Session
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome, Refusal
+    from horizonval.estimation.methods.ideal import horizon_sensor
     from horizonval.estimation.observation import Estimator, Fit, Observation
     from horizonval.estimation.prior import Prior
     from horizonval.scoring.row import Score
+    from horizonval.sensor.conical_scanner import ConicalScanner
+    from horizonval.sensor.quadrant import QuadrantSensor
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Camera",
     "Client",
+    "ConicalScanner",
     "Estimator",
     "Fit",
     "Frame",
     "FrameDerivatives",
     "Image",
+    "Located",
     "Observation",
     "Outcome",
     "Prior",
+    "QuadrantSensor",
     "Refusal",
     "Run",
     "Scene",
@@ -62,10 +69,12 @@ __all__ = [
     "__version__",
     "check",
     "estimate",
+    "horizon_sensor",
     "list_cameras",
     "list_estimators",
     "list_scenes",
     "list_suites",
+    "locate",
     "observe",
     "open_frame",
     "open_image",
@@ -85,14 +94,18 @@ _HOMES = {
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),
     "api.info": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
+    "api.locate": ("Located", "locate"),
     "api.run": ("Run", "open_run", "run"),
     "api.scene": ("Scene",),
     "api.session": ("Session",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome", "Refusal"),
+    "estimation.methods.ideal": ("horizon_sensor",),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
     "estimation.prior": ("Prior",),
     "scoring.row": ("Score",),
+    "sensor.conical_scanner": ("ConicalScanner",),
+    "sensor.quadrant": ("QuadrantSensor",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -22,8 +22,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit import known_profile
 from horizonval.estimation.fit.air import KnownAir, common_air
+from horizonval.estimation.fit.pixels import level_distance, ray_height
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile_pixels import level_distance, ray_height
 from horizonval.estimation.fit.templates import templates_of
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Observation

@@ -16,7 +16,7 @@ from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation.fit.templates import templates_of
-from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
+from horizonval.estimation.methods.ideal import ReadingStatus, horizon_sensor
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
@@ -157,21 +157,18 @@ def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
     return scored(frame.truth, None, fit, earth_radius_m=method_radius_m(frame.truth))
 
 
-def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
-    """Return the readings [deg] of an ideal horizon sensor at the pose of an image, truth or image file.
+def horizon_report(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
+    """Return what :func:`horizonval.horizon_sensor` reads [deg] at the pose of an image, truth or image file.
 
-    Both readings of the published module's documentation: ``roll_error_deg``, ``pitch_error_deg`` are the angles
-    between the axes of the sensor and those of the nearest horizon point; ``roll_elevation_deg``,
-    ``pitch_elevation_deg`` the elevations of the axes over the tangent plane there. The Earth is the sphere with the
-    mean angular radius of the horizon; ``horizon_cam`` points to the horizon point. None where the sensor reads
-    nothing. Pixels are not used.
+    The Earth is the sphere with the mean angular radius of the horizon. None where the sensor reads nothing. Pixels are
+    not used.
     """
     if isinstance(image, str | Path):
         truth = FrameTruth.from_dict(exr.read_header(Path(image))["truth"])
     else:
         truth = image if isinstance(image, FrameTruth) else image.truth
     pose = oracle_pose(truth)
-    found = ideal_horizon_sensor(pose.r_itrs, pose.q_cam_from_itrs, pose.radius_m)
+    found = horizon_sensor(pose.r_itrs, pose.q_cam_from_itrs, pose.radius_m)
     defined = found.status is ReadingStatus.DEFINED
 
     def degrees(angle_rad: float) -> float | None:

@@ -16,6 +16,7 @@ from horizonval.cli.archive import archive_app
 from horizonval.cli.bench import bench_app, dataset
 from horizonval.cli.images import calibrate, camera, estimate, observe, oracle, sheet
 from horizonval.cli.info import doctor, list_names, schema, templates
+from horizonval.cli.locating import locate
 from horizonval.cli.nightly import baseline_app, regress, reproduce
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.run import budget, check, report, run, study
@@ -37,7 +38,7 @@ app = typer.Typer(
 )
 COMMANDS: tuple[Callable[..., int | None], ...] = (
     run, check, render, mitsuba, observe, serve, sheet, estimate, oracle, calibrate, camera, radiance, report, view,
-    study, budget, dataset, reproduce, regress, gallery, templates, schema, doctor,
+    study, budget, dataset, reproduce, locate, regress, gallery, templates, schema, doctor,
 )  # fmt: skip
 for _command in COMMANDS:
     app.command()(_command)

@@ -93,9 +93,9 @@ def oracle(
     tangent plane there: both readings of the published module's documentation. With --json a list, one object per
     image.
     """
-    from horizonval.api.estimate import horizon_sensor
+    from horizonval.api.estimate import horizon_report
 
-    readings = [{"file": str(path), **horizon_sensor(path)} for path in image]
+    readings = [{"file": str(path), **horizon_report(path)} for path in image]
     print_result(readings, as_json, map(_reading, readings))
 
 

@@ -6,26 +6,20 @@ a fisheye the angle from the boresight), and q the denominator of a rational dis
 
     dk1 = error_px q / (f r^3)
 
-A fit of the pixels has them as unknowns with priors (:func:`lens_sigmas`). A method of points treats its camera as
-exact; where the calibration states standard deviations, the same pixels are given the lines of sight of a camera that
-is off by one of them. With ``n(c)`` the axis of the cone through these lines of sight, for every error ``k`` of every
-head, all independent ::
+A fit of the pixels has them as unknowns with priors (:func:`lens_sigmas`). A method of points takes its camera as
+exact. Its answer ``n(c)`` is therefore computed again from the same pixels with a camera that is off by each stated
+standard deviation ``sigma_k``, of every head and independently, and the differences widen the claim::
 
     C = C_image + sum_k d_k d_k^T,        d_k = n(c + sigma_k e_k) - n(c)
 
-The altitude's variance grows in the same way.
-
-**Heads** show their limbs where the answer's cone lies in their images, which gives the pixels; four linear arrays have
-one crossing each.
-
-**Neglected.** Which pixels a search takes for the limb; the mounting, which turns roll and pitch and not the nadir in
+Neglected: which pixels a search takes for the limb; the mounting, which turns roll and pitch and not the nadir in
 camera axes; clock and exposure, which are in the sigmas of the prior; second-order products of two errors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,9 +90,6 @@ def k1_per_px(camera: CameraModel) -> float:
 
 Run = Callable[[Observation], Fit | Refusal]
 
-LensError = tuple[float, tuple[float, float], float]
-"""Errors of focal length, principal point and distortion, as :func:`miscalibrated` takes them."""
-
 View = tuple[Observation, FloatArray]
 """An image, and the pixels (n, 2) of the limb in it."""
 
@@ -135,17 +126,26 @@ def with_lens_error(run: Run, axis_of: AxisOf | None = None) -> WithLensError:
 
 def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit | Refusal:
     """Return a fit whose claim counts the stated errors of its lenses, or why they leave it no answer."""
-    errors = list(lens_errors(observation))
+    heads = _heads(observation)
+    errors = [
+        (k, error) for k, one in enumerate(heads) for error in np.diag(lens_sigmas(one.calibration)) if error.any()
+    ]
     if not errors:
         return fit
     views = _views(fit, observation)
+
+    def axis_with(wrong: int, error: FloatArray) -> FloatArray:
+        focal, u, v, bend = (float(value) for value in error)
+        head, uv = views[wrong]
+        seen = (replace(head, camera=miscalibrated(head.camera, focal, (u, v), bend)), uv)
+        return axis_of([*views[:wrong], seen, *views[wrong + 1 :]])
+
     try:
         before = axis_of(views)
-        moved = np.array([axis_of(_seen_with(views, head, error)) for head, error in errors]) - before
+        moved = np.array([axis_with(*error) for error in errors]) - before
     except np.linalg.LinAlgError as e:
-        return Refusal(
-            Outcome.AMBIGUOUS, f"what errors of the lens do to the answer is not determined: {e}", fit.points
-        )
+        reason = f"what errors of the lens do to the answer is not determined: {e}"
+        return Refusal(Outcome.AMBIGUOUS, reason, fit.points)
     length = float(np.linalg.norm(before))
     axis = before / length
     turns = (moved - np.outer(moved @ axis, axis)) / length @ _cam_from_body(observation).T
@@ -161,19 +161,6 @@ def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit | Re
         systematic_nadir_cam=added if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam + added,
         sigma_altitude_m=sigma,
     )
-
-
-def lens_errors(observation: Observation) -> Iterator[tuple[int, LensError]]:
-    """Yield every error with a sigma, one sigma large, with the number of the head that has it."""
-    for head, one in enumerate(_heads(observation)):
-        focal, point, _, bend = (float(sigma) for sigma in lens_sigmas(one.calibration))
-        if focal > 0.0:
-            yield head, (focal, (0.0, 0.0), 0.0)
-        if point > 0.0:
-            yield head, (0.0, (point, 0.0), 0.0)
-            yield head, (0.0, (0.0, point), 0.0)
-        if bend > 0.0:
-            yield head, (0.0, (0.0, 0.0), bend)
 
 
 def cone_axis(views: Sequence[View]) -> FloatArray:
@@ -240,11 +227,3 @@ def _in_view(head: Observation, limb_body: FloatArray) -> FloatArray:
     # An arc that runs through the first azimuth begins after the last one that is not in view.
     first = -int(np.argmin(seen))
     return np.roll(uv, first, axis=0)[np.roll(seen, first)]
-
-
-def _seen_with(views: Sequence[View], wrong: int, error: LensError) -> list[View]:
-    focal, point, bend = error
-    return [
-        (replace(head, camera=miscalibrated(head.camera, focal, point, bend)) if k == wrong else head, uv)
-        for k, (head, uv) in enumerate(views)
-    ]

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.frames import roll_pitch_of_nadir
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,28 @@ class Fit:
         x, y, z = self.nadir_cam
         altitude = "" if self.altitude_m is None else f", altitude {self.altitude_m / 1e3:.1f} km"
         return f"<Fit nadir ({x:.5f}, {y:.5f}, {z:.5f}), {len(self.points)} points{altitude}>"
+
+
+def fit_of_nadir(
+    observation: Observation,
+    nadir_cam: FloatArray,
+    covariance: FloatArray,
+    rho_rad: float | None = None,
+    sigma_rho_rad: float | None = None,
+    **others: Any,
+) -> Fit:
+    """Return the fit that a nadir in camera axes means: attitude of the body, and altitude ``R / sin rho - R``.
+
+    ``covariance``: shape (3, 3); ``rho_rad``: angular radius of the Earth; ``others``: further fields of the fit.
+    """
+    roll, pitch = roll_pitch_of_nadir(Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam))
+    radius, altitude, sigma = observation.prior.sphere_radius_m, None, None
+    if rho_rad is not None and 0.0 < rho_rad < 0.5 * np.pi:
+        altitude = float(radius / np.sin(rho_rad) - radius)
+        if sigma_rho_rad is not None:
+            sigma = float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * sigma_rho_rad)
+    given = {name: value for name, value in others.items() if value is not None}
+    return Fit(nadir_cam, covariance, float(roll), float(pitch), rho_rad, altitude, sigma, **given)
 
 
 @dataclass(frozen=True)

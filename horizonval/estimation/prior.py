@@ -64,21 +64,10 @@ _PAIRS = {
 }
 """A value, and the standard deviation that it cannot be without. A rough nadir may take the attitude's place."""
 
-_ABOVE_0 = (
-    "radius_m",
-    "altitude_m",
-    "altitude_sigma_m",
-    "position_sigma_m",
-    "limb_height_sigma_m",
-    "sun_sigma_rad",
-    "air_height_sigma_m",
-    "lens_blur_px",
-    "gain_sigma",
-    "accept_rad",
-)
-_NOT_BELOW_0 = ("limb_scale_height_m", "limb_scale_height_sigma_m", "limb_relief_m")
-_ANY_SIGN = ("limb_height_m",)
-"""Of a sphere in place of the ellipsoid the limb may lie below."""
+_FROM_0 = ("limb_scale_height_m", "limb_scale_height_sigma_m", "limb_relief_m")
+"""Numbers that may be 0. Those of the file's other keys are above 0, but the limb's height: of a sphere in place of the
+ellipsoid the limb may lie below."""
+_VECTORS = {"r_itrs": 3, "q_cam_from_itrs": 4, "attitude_sigma_rad": 3, "nadir_cam": 3}
 
 GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
 """Relative standard deviation of a calibrated detector's gain and lens transmission, where ``gain_sigma`` is None:
@@ -145,7 +134,7 @@ class Prior:
     >>> import horizonval as hv
     >>> prior = hv.Prior(shape="wgs84", altitude_m=550e3, altitude_sigma_m=1e3)
     >>> prior
-    <Prior shape, altitude>
+    <Prior shape, altitude_m>
     >>> hv.Prior(altitude_m=550e3)
     Traceback (most recent call last):
     horizonval.core.errors.UserError: Prior: altitude_m without altitude_sigma_m; expected both or neither
@@ -186,15 +175,11 @@ class Prior:
             raise _found(repr(self.shape), "shape", "'wgs84' or 'sphere'")
         if self.radius_m is not None and self.shape != "sphere":
             raise _found(repr(self.radius_m), "radius_m", "shape = 'sphere' beside it")
-        for names, least, words in (
-            (_ABOVE_0, np.nextafter(0.0, 1.0), "a number above 0"),
-            (_NOT_BELOW_0, 0.0, "a number of 0 or more"),
-            (_ANY_SIGN, -np.inf, "a finite number"),
-        ):
-            for name in names:
-                self._number(name, float(least), words)
-        for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3), ("nadir_cam", 3)):
-            self._vector(name, length)
+        for _, name, unit in FILE_KEYS:
+            if name in _VECTORS:
+                self._vector(name, _VECTORS[name])
+            elif unit is not None:
+                self._number(name)
         for name in ("nadir_cam", "q_cam_from_itrs"):
             self._scale_to_unit_length(name)
         if self.r_itrs is not None:
@@ -258,27 +243,8 @@ class Prior:
         return down + w * across + np.cross(axis, across), math.hypot(sigma, self.position_sigma_m / distance)
 
     @property
-    def known(self) -> tuple[str, ...]:
-        """What is known, in words."""
-        words = {
-            "shape": "shape",
-            "altitude_m": "altitude",
-            "r_itrs": "position",
-            "q_cam_from_itrs": "attitude",
-            "nadir_cam": "rough nadir",
-            "epoch_utc": "time",
-            "limb_height_m": "limb height",
-            "climate": "climate",
-            "sun_sigma_rad": "Sun",
-        }
-        known = [word for name, word in words.items() if getattr(self, name) is not None]
-        if self._stated("limb_scale_height_m") or self._stated("limb_scale_height_sigma_m"):
-            known.append("softness of the limb")
-        return tuple(known + ["relief of the limb"] * self._stated("limb_relief_m"))
-
-    @property
     def in_words(self) -> str:
-        """What is known, with all numbers, as one line."""
+        """What is known, as one line: the planet's shape, and the keys of a prior file with their values."""
         radius_km = self.sphere_radius_m / 1e3
         parts = [
             {
@@ -287,55 +253,36 @@ class Prior:
                 None: f"the Earth as a sphere of {radius_km:.4f} km, its flattening as an error",
             }[self.shape]
         ]
-        if self.altitude_m is not None and self.altitude_sigma_m is not None:
-            parts.append(f"altitude {self.altitude_m / 1e3:.3f} km to {self.altitude_sigma_m / 1e3:g} km")
-        if self.r_itrs is not None and self.position_sigma_m is not None:
-            place = " ".join(f"{x:.3f}" for x in self.r_itrs / 1e3)
-            parts.append(f"position {place} km to {self.position_sigma_m / 1e3:g} km")
-        if self.q_cam_from_itrs is not None and self.attitude_sigma_rad is not None:
-            sigmas = " ".join(f"{x:g}" for x in np.degrees(self.attitude_sigma_rad))
-            parts.append(f"attitude to {sigmas} deg (roll, pitch, yaw)")
-        if self.nadir_cam is not None and self.attitude_sigma_rad is not None:
-            towards = " ".join(f"{x:.3f}" for x in self.nadir_cam)
-            parts.append(f"nadir near {towards} to {math.degrees(self.attitude_sigma_rad.max()):g} deg")
-        if self.epoch_utc is not None:
-            parts.append(f"time {self.epoch_utc:%Y-%m-%d %H:%M:%S} UTC")
-        if self.limb_height_m is not None and self.limb_height_sigma_m is not None:
-            parts.append(f"limb at {self.limb_height_m / 1e3:.3f} km to {self.limb_height_sigma_m / 1e3:g} km")
-        if self.climate is not None:
-            parts.append(f"air {self.climate}")
-        if self.sun_sigma_rad is not None:
-            parts.append(f"Sun to {math.degrees(self.sun_sigma_rad):g} deg")
-        if self._stated("limb_scale_height_m") or self._stated("limb_scale_height_sigma_m"):
-            soft_km, sigma_km = self.limb_scale_height_m / 1e3, self.limb_scale_height_sigma_m / 1e3
-            parts.append(f"limb's scale height {soft_km:g} km to {sigma_km:g} km")
-        if self.limb_relief_m is not None:
-            parts.append(f"relief of the limb {self.limb_relief_m / 1e3:g} km")
-        if self._stated("air_height_sigma_m"):
-            parts.append(f"height of the air to {self.air_height_sigma_m / 1e3:g} km")
-        if self._stated("lens_blur_px"):
-            parts.append(f"blur of the lens {self.lens_blur_px:g} px")
-        if self.gain_sigma is not None:
-            parts.append(f"gain to {100.0 * self.gain_sigma:g} %")
-        if self._stated("accept_rad"):
-            parts.append(f"accuracy of use {math.degrees(self.accept_rad):g} deg")
+        for key, name, unit in FILE_KEYS[2:]:
+            value = getattr(self, name)
+            if name in self._stated:
+                parts.append(f"{key} {value if unit is None else _rounded(np.atleast_1d(value) / unit)}")
         return "; ".join(parts)
 
     def __repr__(self) -> str:
         return f"<Prior {', '.join(self.known) or 'of nothing'}>"
 
-    def _stated(self, name: str) -> bool:
-        """Whether a field differs from its default."""
-        return bool(getattr(self, name) != DEFAULTS[name])
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of what is known, without the standard deviations."""
+        return tuple(name for name in self._stated if name not in _PAIRS.values())
 
-    def _number(self, name: str, least: float, expected: str) -> None:
+    @property
+    def _stated(self) -> tuple[str, ...]:
+        """Names of the fields that differ from their defaults."""
+        values = {name: getattr(self, name) for name in DEFAULTS}
+        return tuple(name for name, value in values.items() if value is not None and np.any(value != DEFAULTS[name]))
+
+    def _number(self, name: str) -> None:
         value = getattr(self, name)
         if value is None and DEFAULTS[name] is None:
             return
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
             raise _found(repr(value), name, "a finite number")
-        if value < least:
-            raise _found(repr(value), name, expected)
+        if name in _FROM_0 and value < 0.0:
+            raise _found(repr(value), name, "a number of 0 or more")
+        if name not in (*_FROM_0, "limb_height_m") and value <= 0.0:
+            raise _found(repr(value), name, "a number above 0")
         object.__setattr__(self, name, float(value))
 
     def _vector(self, name: str, length: int) -> None:
@@ -367,6 +314,10 @@ class Prior:
     def _keep(self, name: str, array: FloatArray) -> None:
         array.flags.writeable = False
         object.__setattr__(self, name, array)
+
+
+def _rounded(values: FloatArray) -> str:
+    return " ".join(f"{value:.7g}" for value in values)
 
 
 def _found(found: str, field: str, expected: str) -> UserError:

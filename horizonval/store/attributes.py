@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
+from horizonval.estimation.methods.ideal import ReadingStatus, horizon_sensor
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.clock import julian_tai
@@ -153,7 +153,7 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
 def _horizon_reading(truth: FrameTruth) -> dict[str, Any]:
     """Return what the ideal sensor reads, by both readings of its documentation; nothing where it reads nothing."""
     radius_m = float(np.linalg.norm(truth.r_itrs)) * math.sin(truth.angular_radius_rad)
-    found = ideal_horizon_sensor(np.array(truth.r_itrs), np.array(truth.q_cam_from_itrs), radius_m)
+    found = horizon_sensor(np.array(truth.r_itrs), np.array(truth.q_cam_from_itrs), radius_m)
     if found.status is not ReadingStatus.DEFINED:
         return {}
     angles = {

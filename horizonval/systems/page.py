@@ -80,11 +80,22 @@ def system_page(letter: str, result: Result, rows: Sequence[Row], seed: int) -> 
         unit = f" {entry.unit}" if entry.unit else ""
         measured = ", ".join(number(row.measured) for row in of) + unit + (f" ({of[0].note})" if of[0].note else "")
         if entry.printed is None:
-            ours.append((entry.what, measured, entry.criterion, _count(of), entry.reading))
+            ours.append((entry.what, measured, entry.criterion, _count([row.status for row in of]), entry.reading))
             continue
-        shown = ", ".join(as_printed(row.published) for row in of)
+        figures = of if isinstance(entry.printed, tuple) else of[:1]
+        shown = ", ".join(as_printed(row.published) for row in figures)
         shown += "" if isinstance(entry.printed, str) else unit
-        printed.append((entry.what, entry.where, shown, entry.reading, measured, entry.criterion, f"**{_count(of)}**"))
+        printed.append(
+            (
+                entry.what,
+                entry.where,
+                shown,
+                entry.reading,
+                measured,
+                entry.criterion,
+                f"**{_count([row.status for row in of])}**",
+            )
+        )
     heads = ("printed", "where", "figure", "our reading", "measured", "would fail", "status")
     parts += ["## What the source prints", markdown(heads, printed), LEGEND]
     if source.choices:
@@ -115,17 +126,21 @@ def first_page(contents: Sequence[dict[str, Any]]) -> str:
         parts += [f"## [{name}: {content['title']}]({name}.md)"]
         counts = f"{len(rows)} figures; {sum(holds)} of {len(holds)} criteria are met. Seed {content['seed']}."
         parts.append(f"{content['source']}. {counts}")
-        one_each = content.get("claims") or [row for row in rows if row["published"] is not None]
-        if verdicts := _count(one_each):
-            parts.append(f"Of what the source prints: {verdicts}.")
-        if missed := [row for row in rows if row["holds"] is False]:
-            lines = [
-                f"- {row['name']}: {number(row['measured'])} {row['unit']}".rstrip()
-                + f" (printed: {as_printed(row['published'])}). {row['why']}"
-                for row in missed
-            ]
-            parts += ["Missed:", "\n".join(lines)]
+        statuses = _count([row["status"] for row in rows if row["published"] is not None])
+        parts.append(f"Of what the source prints: {statuses}.")
+        missed = (row for row in rows if row["holds"] is False)
+        lines = [_missed(list(of)) for _, of in groupby(missed, lambda row: str(row["key"]))]
+        parts += ["Missed:", "\n".join(lines)] if lines else []
     return "\n\n".join(parts) + "\n"
+
+
+def _missed(rows: Sequence[dict[str, Any]]) -> str:
+    """Return a line on the rows of one entry that are missed."""
+    names = [rows[0]["name"], *(row["name"].rpartition(": ")[2] for row in rows[1:])]
+    figures = (f"{name}: {number(row['measured'])}" for name, row in zip(names, rows, strict=True))
+    line = f"- {', '.join(figures)} {rows[0]['unit']}".rstrip()
+    printed = dict.fromkeys(as_printed(row["published"]) for row in rows if row["published"] is not None)
+    return line + (f" (printed: {', '.join(printed)})" if printed else "") + f". {rows[0]['why']}"
 
 
 def printed_rows(content: dict[str, Any]) -> Iterator[str]:
@@ -167,8 +182,8 @@ def as_printed(cell: Cell) -> str:
     return f"{cell:.7g}" if isinstance(cell, float) else number(cell)
 
 
-def _count(of: Sequence[Any]) -> str:
-    """Return the statuses of rows or claims in words, with their numbers if there are several."""
-    counts = Counter(str(row.status) if isinstance(row, Row) else row.get("status", "") for row in of)
+def _count(statuses: Sequence[str]) -> str:
+    """Return statuses in words, with their numbers if there are several."""
+    counts = Counter(statuses)
     words = [(counts[status], str(status)) for status in Status if status and counts[status]]
-    return words[0][1] if len(of) == 1 and words else ", ".join(f"{n} {word}" for n, word in words)
+    return words[0][1] if len(statuses) == 1 and words else ", ".join(f"{n} {word}" for n, word in words)

@@ -7,18 +7,15 @@ last digits of floating point, which depend on the machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
-
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json, write_json
-from horizonval.systems.entries import Row, system
-from horizonval.systems.result import ComparisonRow
+from horizonval.systems.entries import system
 from horizonval.systems.task_cache import TaskCache
 
 SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
@@ -43,9 +40,6 @@ SAME_SHARE = 1e-6
 """Relative difference below which figures are the same: float32 images and processors' sines differ by less."""
 ROUND_OFF = 1e-10
 """The same in the figure's own unit: errors of exact formulas are round-off."""
-PLACES = 4
-"""Places of F and G."""
-G_ALTITUDES_KM = (350.0, 402.5)
 
 
 def quick_figures(cache: TaskCache, pages: Path, systems: Sequence[str] = SYSTEMS) -> list[JsonObject]:
@@ -71,16 +65,9 @@ def measured_rows(cache: TaskCache, systems: Sequence[str] = SYSTEMS) -> list[Js
     return [
         {"system": letter, "name": row.name, "unit": row.unit, "measured": float(row.measured)}
         for letter in systems
-        for row in quick_rows(letter, cache)
+        for row in system(letter).rows(experiment(letter).quick(cache))
         if row.measured is not None
     ]
-
-
-def quick_rows(letter: str, cache: TaskCache) -> Iterable[Row | ComparisonRow]:
-    """Return the rows of a system's key figures."""
-    if letter in ROWS:
-        return ROWS[letter](cache)
-    return system(letter).rows(experiment(letter).quick(cache))
 
 
 def write_quick(letter: str, cache: TaskCache, pages: Path) -> None:
@@ -93,50 +80,3 @@ def write_quick(letter: str, cache: TaskCache, pages: Path) -> None:
 def is_same(measured: float, accepted: float | None) -> bool:
     """Whether nothing has changed but for the last digits."""
     return accepted is not None and abs(measured - accepted) <= max(ROUND_OFF, SAME_SHARE * abs(accepted))
-
-
-def _set_ups(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.a.bank import measure, set_ups
-    from horizonval.systems.a.rows import set_up_rows
-
-    return set_up_rows(cache.each("A: set-ups", measure, set_ups(cache.seed)))
-
-
-def _perfect_bench(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.b.rig.experiment import perfect_row
-    from horizonval.systems.b.rig.frames import make_picture
-
-    return [perfect_row(cache, cache.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"])]
-
-
-def _poses(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.c.experiment import measured_pose_rows
-
-    return measured_pose_rows(cache)
-
-
-def _rounding(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.e.experiment import rounding_rows
-
-    return rounding_rows(cache)
-
-
-def _scans(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.f import experiment as f
-
-    places = f.weather_places(PLACES, f.INCLINATION_DEG, cache.seed)
-    return f.rows_of_scans(cache.each("F: scans", f.scan, f.scan_items(places)), places)
-
-
-def _limbs(cache: TaskCache) -> Sequence[ComparisonRow]:
-    from horizonval.systems.g import experiment as g
-
-    places = g.weather_places(PLACES, g.INCLINATION_DEG, cache.seed)
-    made = cache.each("G: limbs", g.limb_profiles, g.limb_items(places, G_ALTITUDES_KM))
-    return g.rows_of_limbs(np.array([one["radiance"] for one in made.values()]), G_ALTITUDES_KM, places)
-
-
-ROWS: dict[str, Callable[[TaskCache], Sequence[ComparisonRow]]] = dict(
-    zip("ABCEFG", (_set_ups, _perfect_bench, _poses, _rounding, _scans, _limbs), strict=True)
-)
-"""Functions that compute key figures of systems whose experiment has no function ``quick``, by letter."""

@@ -12,9 +12,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
 from horizonval.store.folder import RunFolder
-from horizonval.systems.entries import Result
 from horizonval.systems.page import write_first_page, write_system
-from horizonval.systems.pages import write_reproduction
 from horizonval.systems.quick import chosen, experiment, quick_figures, write_quick
 from horizonval.systems.task_cache import TaskCache
 
@@ -47,11 +45,7 @@ def reproduce_systems(
     with RunFolder(work).locked():
         _remove_temporary_files(out)
         for letter in letters:
-            result = experiment(letter).reproduce(cache)
-            if isinstance(result, Result):
-                content = write_system(letter, result, out, seed)
-            else:
-                content = write_reproduction(result, out, seed)
+            content = write_system(letter, experiment(letter).reproduce(cache), out, seed)
             write_quick(letter, cache, out)
             write_first_page(out)
             yield content

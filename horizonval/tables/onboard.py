@@ -226,7 +226,12 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     none = np.zeros((a, b, 1, h))
     for name, values, shape, kind in (
         ("mean", table.mean, "LIMB_A * LIMB_B * LIMB_H", np.int16),
-        ("modes", np.concatenate([table.modes, none], axis=2), "LIMB_A * LIMB_B * (LIMB_K + 1) * LIMB_H", np.int8),
+        (
+            "modes",
+            np.concatenate([table.modes * table.prior_sigmas, none], axis=2),
+            "LIMB_A * LIMB_B * (LIMB_K + 1) * LIMB_H",
+            np.int8,
+        ),
         ("left", table.left_sigma, "LIMB_A * LIMB_B * LIMB_H", np.int8),
     ):
         scale, whole = quantised(values, kind)

@@ -16,10 +16,9 @@ steep it may be either.
 from __future__ import annotations
 
 import copy
-import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -28,10 +27,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import GroundEmission
-from horizonval.earth.weather.field import ColumnMap
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import project
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
@@ -232,7 +231,8 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, azimuths, model)
+    digest = content_digest(model.top_m, model.emission, model.refractivity, model.thermal)
+    request = _HorizonRequest(digest, place, ellipsoid, sun, azimuths, model)
     return copy.deepcopy(_computed(request))
 
 
@@ -246,20 +246,6 @@ class _HorizonRequest:
     sun_itrs: tuple[float, ...]
     azimuths: int
     model: OpticalModel = field(compare=False)
-
-
-def _digest(model: OpticalModel) -> str:
-    digest = hashlib.sha256(repr((model.top_m, model.emission)).encode())
-    if model.refractivity is not None:
-        digest.update(np.ascontiguousarray(model.refractivity).data)
-    for band in model.thermal:
-        for item in fields(band):
-            value = getattr(band, item.name)
-            if isinstance(value, ColumnMap):
-                digest.update(repr((value.axes.tolist(), value.half, value.count)).encode())
-                continue
-            digest.update(np.ascontiguousarray(value).data if isinstance(value, np.ndarray) else repr(value).encode())
-    return digest.hexdigest()
 
 
 @lru_cache(maxsize=8)

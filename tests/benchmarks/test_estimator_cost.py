@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.estimation.fit.air import KnownAir
+from horizonval.estimation.fit.pixels import ray_height
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile_pixels import ray_height
 from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

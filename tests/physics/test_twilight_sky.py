@@ -1,8 +1,6 @@
-"""The sky seen from the ground in twilight, against published illuminances and against the ray integrator."""
+"""The sky seen from the ground in twilight, against published illuminances."""
 
 from __future__ import annotations
-
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -79,38 +77,3 @@ def test_haze_brightens_twilight(sun_depression_deg, more):
     """Particles scatter forwards, on towards the ground beyond; the limit is double the background's share."""
     ratio = _illuminance(sun_depression_deg, "background") / _illuminance(sun_depression_deg, "none")
     assert 1.0 < ratio < more
-
-
-@pytest.mark.slow
-def test_the_stations_sky_is_what_the_ray_integrator_gives():
-    from horizonval.earth.optical import optical_model
-    from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-    from horizonval.renderer.rays import radiance_along_rays
-    from horizonval.renderer.scattering.shells import STANDARD
-    from horizonval.systems.e.ground.frames import tracker
-    from horizonval.systems.e.ground.sky import render_sky, sky_scene
-    from horizonval.systems.e.localisation.stations import Station, enu_directions
-
-    epoch = datetime(2019, 11, 26, 14, 10, tzinfo=UTC)
-    station = Station("S1", np.radians(48.3358), np.radians(35.7061), 1000.0)
-    band = tracker().band[0]
-    sky = render_sky(station, epoch, [0.0, 10.0, 20.0], band)
-    azimuth, elevation = np.radians([[0.0, 77.0, 160.0, 255.0, 300.0], [85.0, 33.0, 52.0, 41.0, 66.0]])
-    towards = enu_directions(azimuth, elevation) @ station.itrs_from_enu.T
-    sun, distance = sun_itrs(epoch)
-    # The Sun is 7 deg below the horizon: no lights of the night in either.
-    assert -8.5 < np.degrees(np.arcsin((sun @ station.itrs_from_enu)[2])) < -5.0
-    model = optical_model(sky_scene(station, epoch, 0.0), tracker(), distance / AU_M)
-    n = len(towards)
-    nodes = radiance_along_rays(
-        model,
-        6378137.0,
-        np.tile(station.r_itrs, (n, 1)),
-        towards,
-        np.tile(sun, (n, 1)),
-        scattering=STANDARD,
-        polar_radius_m=6356752.314245,
-    )
-    expected = sum(node.weight * nodes[node.name] for node in model.nodes)
-    # Images take coarser tables and 128 nodes: 0.5 %; the spline on 4 deg pixels adds 0.01 %.
-    np.testing.assert_allclose(sky.radiance(towards, 0.0), expected, rtol=5e-3)

@@ -71,7 +71,7 @@ def test_every_block_of_the_page_runs(page, tmp_path):
 
 
 def test_the_pages_are_found():
-    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 14
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 15
     assert "docs/quickstart.md" in PAGES
     assert set(PAGES) > SLOW
 

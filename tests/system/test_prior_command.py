@@ -63,7 +63,7 @@ def test_a_picture_says_what_was_assumed_and_can_be_given_more(horizonval, image
     (tmp_path / "p.toml").write_text("[prior]\naltitude_km = 900.0\naltitude_sigma_km = 1.0\n")
     known = _report(horizonval("estimate", *picture, "--prior", "p.toml", "--json"))
     assert known["nadir_cam"] == bare["nadir_cam"], "a method that is free of the altitude does not use it"
-    assert "altitude 900.000 km to 1 km" in known["assumed"]
+    assert "altitude_km 900; altitude_sigma_km 1" in known["assumed"]
 
 
 def test_an_image_of_ours_has_its_values_drawn(horizonval, image_path, tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -73,8 +73,8 @@ def test_an_image_of_ours_has_its_values_drawn(horizonval, image_path, tmp_path)
     )
     assert report["assumed"] == again["assumed"]
     # 500 km to a metre: to the digits that are printed.
-    assert "altitude 500.00" in report["assumed"] or "altitude 499.99" in report["assumed"]
-    assert "position " in report["assumed"]
+    assert "altitude_km 500.00" in report["assumed"] or "altitude_km 499.99" in report["assumed"]
+    assert "position_itrs_km " in report["assumed"]
     plain = _report(horizonval("estimate", image_path, *METHOD, "--json"))
     assert plain["assumed"] == "WGS84, by spherical methods a sphere of 6371.0088 km"
     assert plain["nadir_cam"] == report["nadir_cam"], "a method that uses nothing of it answers the same"
@@ -108,7 +108,7 @@ def test_a_suites_prior_is_drawn_once_and_made_again_from_its_archive(here, hori
     images = [store.read_image(entry.address) for entry in store.index.select() if entry.kind == "image"]
     priors = {image.truth.scene_name: observation_of(image, registry.get("altitude-free")).prior for image in images}
     for case, reason in given.items():
-        assert priors[case].known == ("shape", "altitude", "position", "attitude", "time")
+        assert priors[case].known == ("shape", "altitude_m", "r_itrs", "q_cam_from_itrs", "epoch_utc")
         assert prior_file(priors[case]).split() == reason.split()
     # Frames of one place are rendered from one viewpoint: each has what is known of it, not of the one before.
     page = (tmp_path / "out" / "report" / "index.html").read_text(encoding="utf-8")

@@ -209,7 +209,7 @@ class KnownAir:
         lengths, ends = table.lengths_at(first), line_ends_rad(table.height_m, mean)
         along = lengths_along(lengths, up, level, POLE_ITRS)
         alike = np.exp(-0.5 * (ends[:, None] / along[:, :, None]) ** 2)
-        air = np.flatnonzero(np.array(table.mode_kinds) == "air")
+        air, modes = np.flatnonzero(np.array(table.mode_kinds) == "air"), modes * table.prior_sigmas
         modes = np.concatenate([modes * alike, (modes * np.sqrt(1.0 - alike**2))[:, air]], axis=1)
         if table.band_kind == "thermal":
             # Lines with lowest points 160 km below the source of their light, and deeper, end as far away.

@@ -12,16 +12,13 @@ the normal matrix of a shot is ::
 
 The air is eliminated first (Cholesky), then ``x`` (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon,
 "Bundle adjustment", 2000, section 6); what remains of all shots is summed with the prior of ``c``.
-
-**Damping** adds ``lambda`` to the matrix in units of the unknowns' scales: the priors' standard deviations, or what the
-derivatives reach where nothing is known before (K. Levenberg, Q. Appl. Math. 2, 164, 1944).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -97,14 +94,10 @@ class Shot:
 
     def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
         """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
-        before = None if self.chosen is None else replace(self.chosen, noises=self.noises)
-        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, before)
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
         self.state = self.chosen.state
-        self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)
-        if len(self.noises) < len(looks):
-            of_all = zip(self.chosen.models, looks, self.state.own, strict=True)
-            self.noises = [model.noise(look, own, None) for model, look, own in of_all]
+        self.noises = [model.noise(look) for model, look in zip(self.chosen.models, looks, strict=True)]
         self.seen = Seen(looks, np.nan)
         self.seen = self.look(self.state, shared)
 
@@ -112,8 +105,7 @@ class Shot:
         """Estimate the noise by the residuals; return the change of the variances' logarithms, root mean square."""
         assert self.seen is not None
         before = self.noises
-        of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
-        self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
+        self.noises = [model.noise(look) for model, look in zip(self._chosen.models, self.seen.looks, strict=True)]
         self.seen = self.look(self.state, shared)
         changes = [
             np.log(new.variance * new.together / (old.variance * old.together))
@@ -285,17 +277,15 @@ class Eliminated:
     ``normal``: shape (x + c, x + c); raises ``LinAlgError`` where there is no solution.
     """
 
-    def __init__(self, equations: ShotEquations, damping: float, scales: FloatArray | None) -> None:
+    def __init__(self, equations: ShotEquations) -> None:
         if not all(np.isfinite(one).all() for one in (equations.normal, equations.air, equations.mixed)):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         # Symmetric: the transpose is the matrix in the order that the factorisation overwrites.
         air = equations.air.copy().T
-        air[np.diag_indices(len(air))] += 1.0 + damping
+        air[np.diag_indices(len(air))] += 1.0
         self._root = root_of(air)
         self._half = self._forward(equations.mixed.T)
         self.normal = equations.normal - self._half.T @ self._half
-        if scales is not None:
-            self.normal[np.diag_indices(len(scales))] += damping / scales**2
 
     def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return right sides (x + c,), (a,) with the air eliminated, and what the air needs of them."""
@@ -379,7 +369,7 @@ Parts = Sequence[FloatArray]
 class Step:
     """A step of a bundle.
 
-    ``parts``: the step; ``sides``: the right sides of undamped equations there, half the gradient of the merit;
+    ``parts``: the step; ``sides``: the right sides of the equations there, half the gradient of the merit;
     ``square``: squared length of the reported part (of the shared unknowns', where there are any) in its covariance;
     ``gained``: predicted decrease of the merit.
     """
@@ -433,15 +423,15 @@ def _added(one: Parts, share: float, other: Parts) -> list[FloatArray]:
 
 
 class Solved:
-    """The equations of a bundle with everything eliminated but what all shots share, damped by ``damping``."""
+    """The equations of a bundle with everything eliminated but what all shots share."""
 
-    def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
+    def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations]) -> None:
         self._bundle, self._free, self._sigmas = bundle, bundle.free, bundle.sigmas[bundle.free]
         self._airless, self._inverse, self._gains = [], [], []
         # In units of the priors' sigmas: their own information is the unit matrix.
-        total = np.eye(len(self._free)) * (1.0 + damping)
+        total = np.eye(len(self._free))
         for shot, one in zip(bundle.shots, equations, strict=True):
-            airless, count = Eliminated(one, damping, _scales(shot) if damping > 0.0 else None), shot.count
+            airless, count = Eliminated(one), shot.count
             inverse = scaled_inverse(airless.normal[:count, :count])
             gain = inverse @ airless.normal[:count, count:]
             total += (airless.normal[count:, count:] - airless.normal[count:, :count] @ gain) * np.outer(
@@ -520,7 +510,7 @@ def _reported_square(pose: LimbPose, step: FloatArray, covariance: FloatArray) -
 
 
 def right_sides(bundle: Bundle, equations: Sequence[ShotEquations]) -> Parts:
-    """Return the right sides of undamped equations with these derivatives and the present residuals."""
+    """Return the right sides of the equations with these derivatives and the present residuals."""
     free = bundle.free
     of_shared = np.zeros(SHARED)
     of_shared[free] = -bundle.shared[free] / bundle.sigmas[free] ** 2
@@ -530,18 +520,6 @@ def right_sides(bundle: Bundle, equations: Sequence[ShotEquations]) -> Parts:
         of_shared[free] += right[shot.count :]
         sides += [right[: shot.count], of_air]
     return sides
-
-
-def _scales(shot: Shot) -> FloatArray:
-    """Return the scales of a shot's unknowns, shape (x,), for the damping: of their priors, or what a step reaches."""
-    scales = np.empty(shot.count)
-    for number in range(shot.count):
-        unit = np.zeros(shot.count)
-        unit[number] = 1.0
-        scales[number] = 1.0 / max(shot.reach(unit, np.zeros(SHARED)), 1e-12)
-    information = np.diag(shot.prior.information)
-    scales[:POSE] = np.minimum(scales[:POSE], 1.0 / np.sqrt(np.maximum(information, 1e-24)))
-    return scales
 
 
 def scaled_inverse(matrix: FloatArray) -> FloatArray:

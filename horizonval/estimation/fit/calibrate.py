@@ -32,11 +32,10 @@ from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, EdgeChooser, Edg
 from horizonval.estimation.fit.image import LENS
 from horizonval.estimation.fit.known import ellipsoid_start, limb_height_prior
 from horizonval.estimation.fit.known_profile import known_profile
-from horizonval.estimation.fit.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.pixels import pixel_at_limb_m, with_errors
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import profile_shot
 from horizonval.estimation.fit.solver import SolverOptions, Stage, solve
-from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84
@@ -115,9 +114,7 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
         return Refusal(Outcome.NOT_CONVERGED, f"{METHOD}: {e}")
     first, shared, of_camera = observations[0], bundle.shared, slice(0, TURN.stop)
     found = CameraCalibration(
-        camera=miscalibrated(
-            first.camera, float(np.expm1(shared[FOCAL])), (float(shared[1]), float(shared[2])), float(shared[BEND])
-        ),
+        camera=with_errors(first.camera, shared[:LENS]),
         q_cam_from_body=compose(Rotation.from_rotvec(shared[TURN]).as_quat(), first.q_cam_from_body),
         covariance=solution.covariance[of_camera, of_camera],
         change=shared[of_camera],
@@ -189,7 +186,7 @@ def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathere
             return start
         image, known = EdgeImage(start.picture.grey, observation.camera, np.eye(3)), start.knowledge
         # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
-        chooser = EdgeChooser([image], known, whole=1.0, scaled=True)
+        chooser = EdgeChooser([image], known, whole=1.0)
         return Shot(chooser, ShotPrior(known.mean, known.information), chooser.start(start.pose))
 
     height_m = float(np.hypot(limb_height_prior(first)[1], misplaced_m))

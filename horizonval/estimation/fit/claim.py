@@ -9,21 +9,20 @@ the covariance is that of the copy's pixels.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
-from horizonval.estimation.fit.known import LimbKnowledge, Sliver
+from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, agreeing, guarded_fit
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import INSIDE_PX, LIT_SHARE
 from horizonval.estimation.fit.limb import FITTED, LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
-from horizonval.estimation.guard.knowledge import contradicted
+from horizonval.estimation.fit.profile_fit import ProfileFit
+from horizonval.estimation.guard.limits import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -31,11 +30,6 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
-
-FEWEST_OF_DISC = 2 * FITTED
-"""Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
-KNOWN_SIGMAS = 2.0
-"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
@@ -51,11 +45,9 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
     if isinstance(found, Refusal):
         return found
-    known = knowledge.mean, knowledge.information
-    wrong = pulled(found.pose, found.covariance, *known, found.uv, LEAST_LEARNT_BY_EDGE)
-    if isinstance(wrong, Refusal):
-        return wrong
-    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
+    found = agreeing(found, knowledge, LEAST_LEARNT_BY_EDGE)
+    if isinstance(found, Refusal):
+        return found
     claimed = fit_of(found, observation, knowledge.ellipsoid)
     # What a sphere's fit does not use of the prior must agree with it nevertheless.
     radius, distance = observation.prior.sphere_radius_m, float(np.linalg.norm(found.pose.r_itrs))
@@ -64,72 +56,55 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
     return claimed if refusal is None else refusal
 
 
-WHOLE_RAD = float(np.deg2rad(270.0))
-"""Azimuth in view from which a limb is that of a disc: the Sun lights all of it only from behind the camera."""
-SHIFT_OF_SLIVER, SIZE_OF_SLIVER = 2.27, 1.34
-"""What a sliver without light does to a circle, over the root mean square that it leaves: a terminator lies ``D cos^2
-azimuth`` inside one half of the limb, which moves the middle by 4 D / 3 pi, the radius by D / 4, and leaves 0.187 D."""
 DIMMED_PX = 0.5 * INSIDE_PX
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
-HIDDEN_PX = DIMMED_PX / 3.0**0.5
-"""Root mean square of what a terminator hides from a window, anywhere between the limb and that depth."""
 
 
-def round_limb(azimuth: FloatArray) -> bool:
-    """Return whether azimuths (n,) of sectors go round a disc."""
-    if len(azimuth) < FEWEST_OF_DISC:
-        return False
-    azimuth = np.sort(azimuth)
-    gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
-    return 2.0 * np.pi - gap >= WHOLE_RAD
-
-
-def lit_sectors(found: LimbFit) -> NDArray[np.bool_]:
-    """Return which sectors the Sun lights, shape (m,)."""
-    return np.asarray(found.levels >= LIT_SHARE * found.levels.max())
-
-
-def with_unlit_part(found: LimbFit, image: FloatArray, camera: CameraModel, knowledge: LimbKnowledge) -> LimbFit:
-    """Return the fit of a disc with what it may have unlit, that of an arc as it is.
+def with_unlit_part(found: LimbFit, camera: CameraModel) -> LimbFit:
+    """Return the fit of a disc whose claim allows for a part that the Sun does not light; of an arc, the fit itself.
 
     A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
-    in levels that fall from one side of the disc to the other, and is fitted. Of a disc with a large unlit part the
-    limb ends at the terminator, which may bend the ends of the lit limb by all that a window hides.
+    in levels that fall from one side of the disc to the other. A sliver that lies ``D cos^2 azimuth`` inside one half
+    of the limb moves the middle by ``4 D / 3 pi`` and the radius by ``D / 4``, and leaves residuals of ``0.187 D``. Of
+    a disc with a large unlit part the limb ends at the terminator, which may bend the ends of the lit limb by all that
+    a window hides.
     """
     basis = tangent_basis(found.pose.nadir_cam)
     across = unproject(camera, found.uv) @ basis
-    azimuth, lit = np.arctan2(across[:, 1], across[:, 0]), lit_sectors(found)
-    if not round_limb(azimuth):
+    azimuth, lit = np.arctan2(across[:, 1], across[:, 0]), found.levels >= LIT_SHARE * found.levels.max()
+    if not _round(azimuth):
         return found
-    if not round_limb(azimuth[lit]):
-        return replace(with_terminator(found, camera, HIDDEN_PX), uneven_px=DIMMED_PX)
-    rows = np.column_stack([np.ones(len(across)), across / np.linalg.norm(across, axis=1)[:, None]])
-    (mean, *slope), *_ = np.linalg.lstsq(rows, found.levels, rcond=None)
-    scatter = float(np.mean((found.levels - rows @ np.array([mean, *slope])) ** 2))
-    # Clouds make a slope of their own.
-    dimmed_2 = min((float(slope[0] ** 2 + slope[1] ** 2) + 4.0 * scatter / len(across)) / max(mean**2, 1e-300), 1.0)
-    sliver = Sliver(-basis @ np.array(slope), dimmed_2 * DIMMED_PX)
-    found = fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver))
-    # Where the sectors scatter beyond what is known, another sliver may move the disc.
-    return found if found.scatter == 1.0 else with_terminator(found, camera, 0.0)
-
-
-def with_terminator(found: LimbFit, camera: CameraModel, depth_px: float) -> LimbFit:
-    """Return the fit of a disc, its covariance with what a terminator does that leaves the sectors' residuals.
-
-    ``depth_px``: by how much the terminator may move the disc without any residual.
-    """
-    left_2 = float(np.mean(found.residuals_rad[lit_sectors(found)] ** 2))
-    hidden_2 = (depth_px / max(camera.fx, camera.fy)) ** 2
+    hidden_px = DIMMED_PX / np.sqrt(3.0)
+    if _round(azimuth[lit]):
+        rows = np.column_stack([np.ones(len(across)), across / np.linalg.norm(across, axis=1)[:, None]])
+        (mean, *slope), *_ = np.linalg.lstsq(rows, found.levels, rcond=None)
+        scatter = float(np.mean((found.levels - rows @ np.array([mean, *slope])) ** 2))
+        # Clouds make a slope of their own.
+        dimmed_2 = (float(slope[0] ** 2 + slope[1] ** 2) + 4.0 * scatter / len(across)) / max(mean**2, 1e-300)
+        hidden_px = min(dimmed_2 * DIMMED_PX, hidden_px)
+    # By the residuals, which are 0.187 D, where noise does not explain them, and by what leaves none.
+    left = np.sqrt(np.mean(found.residuals_rad[lit] ** 2)) / 0.187 if found.scatter > 1.0 else 0.0
+    hidden = hidden_px / max(camera.fx, camera.fy)
     distance = float(np.linalg.norm(found.pose.r_itrs))
     up = found.pose.r_itrs / distance
     rho = float(np.median(off_axis_angle(unproject(camera, found.uv), found.pose.nadir_cam)))
-    along, added = np.outer(up, up), np.zeros_like(found.covariance)
-    added[3:6, 3:6] = (SHIFT_OF_SLIVER**2 * left_2 + hidden_2) * distance**2 * (np.eye(3) - along)
-    added[3:6, 3:6] += (SIZE_OF_SLIVER**2 * left_2 + hidden_2) * (distance / np.tan(rho)) ** 2 * along
-    return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
+    along, added, depth_2 = np.outer(up, up), np.zeros_like(found.covariance), left**2 + hidden**2
+    added[3:6, 3:6] = depth_2 * ((4.0 / (3.0 * np.pi) * distance) ** 2 * (np.eye(3) - along))
+    added[3:6, 3:6] += depth_2 * (0.25 * distance / np.tan(rho)) ** 2 * along
+    widened = replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
+    return replace(widened, uneven_px=min(3.0 * hidden_px, DIMMED_PX))
+
+
+def _round(azimuth: FloatArray) -> bool:
+    """Return whether azimuths (n,) of sectors go round a disc and show its shape."""
+    if len(azimuth) < 2 * FITTED:
+        return False
+    azimuth = np.sort(azimuth)
+    gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
+    # The Sun lights so much of a limb only from behind the camera.
+    return 2.0 * np.pi - gap >= np.radians(270.0)
 
 
 def _fitted(
@@ -146,7 +121,7 @@ def _fitted(
         knowledge = knowledge.in_wider_pixels(scale)
     found = fit_limb(image, camera, start, knowledge)
     if sunless:
-        found = with_unlit_part(found, image, camera, knowledge)
+        found = with_unlit_part(found, camera)
     return replace(found, uv=in_whole(found.uv, scale)) if scale > 1 else found
 
 
@@ -159,28 +134,12 @@ def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) ->
     if knowledge.uneven is None and not knowledge.reliefs:
         return 1
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
-    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
+    # Where the limb's shape is known, a pixel may cover less.
+    deep_m = min(knowledge.scale_height_m, 2.0 * knowledge.scale_sigma_m)
     return scale_as_deep(camera, pixel_m, deep_m)
 
 
-class PoseFit(Protocol):
-    """What is claimed from; as :class:`horizonval.estimation.fit.limb.LimbFit` says."""
-
-    @property
-    def pose(self) -> LimbPose: ...
-    @property
-    def covariance(self) -> FloatArray: ...
-    @property
-    def relief_covariance(self) -> FloatArray: ...
-    @property
-    def uv(self) -> FloatArray: ...
-    @property
-    def residuals_rad(self) -> FloatArray: ...
-    @property
-    def steps(self) -> FloatArray: ...
-
-
-def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
+def fit_of(found: LimbFit | ProfileFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
     """Return a limb's fit in the form of all estimators.
 
     ``altitude_m``: distance from the Earth's centre minus the assumed sphere's radius, also for an ellipsoid. The noise

@@ -21,6 +21,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     EdgeProfile,
@@ -34,104 +35,49 @@ from horizonval.estimation.fit.light import (
     light_noise,
     solve_levels,
 )
-from horizonval.estimation.fit.noise import PixelNoise
-from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
+from horizonval.estimation.fit.pixels import LimbPixels
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 
-BLUR, SCALE = POSE + LENS, POSE + LENS + 1
+BLUR = POSE + LENS
+SCALE = BLUR + 1
 """Places of an image's own unknowns among those that it has with shot and camera."""
 LARGEST_MOTION_PX, LARGEST_SCALE_STEP_PX, LARGEST_LOG_STEP = 2.0, 0.25, 0.5
 """Largest step of limb, scale height and ln blur for which the derivatives hold; the last also as a share of the scale
 height, where that is more, and as the largest share of the blur's variance that makes room for a scale height."""
 LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
-HELD = 30.0
-"""Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
-pose than the start's: a limb out of its place looks soft."""
-LEAST_SAG = 0.5
-"""Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 
 
 @dataclass(frozen=True)
-class EdgePixels:
+class EdgePixels(LimbPixels):
     """n pixels near a limb, or means of some, in order of azimuth; sectors have equally many.
 
-    ``columns``, ``rows``, ``values``: shape (n,); ``counts``: shape (n,), pixels of which each is the mean;
-    ``wide_px2``: shape (n,), variance of their distances from the limb; ``rounding``: variance of rounding;
-    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2.
-
-    Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
-    [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
-    of sight are; ``scale``: shape (n,), image scale across the limb [rad/px]; ``bend``: shape (n,), divergence of the
-    distance's gradient [1/px]; ``scale_changes``: shape (11, n), relative changes of the scale by a step of ``pose``
-    and lens, None where they are neglected.
-
-    Heights: ``lift_m``: shape (n,), known, above the pose's limb; ``modes``: shape (k, n), of the air's unknowns [m].
+    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``rounding``: variance of
+    rounding; ``bend_m``: shape (n,), what a blur of one pixel's variance adds to the distances; ``lift_m``: shape (n,),
+    known height of the limb above the pose's; ``modes``: shape (k, n), of the air's unknowns [m]; ``motion``: shape
+    (11, q), derivatives of places on the limb by pose and lens [px]; ``curve``: see :class:`.pixels.Limb` [1/m].
     """
 
-    columns: FloatArray
-    rows: FloatArray
-    values: FloatArray
-    counts: FloatArray
-    wide_px2: FloatArray
-    rounding: float
     sectors: int
     along: FloatArray
-    los_cam: FloatArray
-    offset: FloatArray
-    by_lens: FloatArray
-    lens: FloatArray
-    scale: FloatArray
-    scale_changes: FloatArray | None
-    pose: LimbPose
-    bend: FloatArray
+    rounding: float
+    bend_m: FloatArray
     lift_m: FloatArray
     modes: FloatArray
-
-
-@dataclass(frozen=True)
-class EdgeKnown:
-    """What is known of a limb's edge.
-
-    ``axes_m``: shape (3,), of the planet; ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation
-    of its logarithm; ``scale_height_m``, ``scale_sigma_m``: of the soft limb, both 0 for a hard one; ``middle_m``,
-    ``middle_sigma_m``: height of the limb and scale height together, infinite sigma where only each is known.
-    """
-
-    axes_m: FloatArray
-    blur_px: float
-    blur_log_sigma: float
-    scale_height_m: float
-    scale_sigma_m: float
-    middle_m: float = 0.0
-    middle_sigma_m: float = np.inf
-
-    @property
-    def soft(self) -> bool:
-        """Whether the limb may be soft."""
-        return self.scale_height_m > 0.0 or self.scale_sigma_m > 0.0
-
-    @property
-    def own(self) -> FloatArray:
-        """Own unknowns of an image at the prior's values, shape (2,)."""
-        return np.array([0.5 * np.log(self.blur_px**2 + PIXEL_VARIANCE), self.scale_height_m])
+    motion: FloatArray
+    curve: float
 
 
 @dataclass(frozen=True)
 class _Edge:
-    """Geometry and profile of the pixels.
+    """Profile of the pixels, ``x`` inside the limb [px]; ``by_turn``: shape (3, n), of the distances outside it [m];
+    ``soft``: scale height in the image [px/m], None for a hard limb."""
 
-    ``soft``: scale height in the image [px/m], None for a hard limb; ``sagging``: change of its logarithm by the angle
-    inside the limb [1/rad].
-    """
-
-    angle: LimbAngle
     x: FloatArray
+    by_turn: FloatArray
     blur: FloatArray
     edge: EdgeProfile
     soft: FloatArray | None
-    sagging: FloatArray
-    scale: FloatArray
     basis: FloatArray
 
 
@@ -155,46 +101,33 @@ class EdgeLook:
         return np.repeat(levels, len(self.residuals) // len(levels), axis=0).T
 
 
-@dataclass(frozen=True)
 class EdgeLinear:
     """Normal equations of the pixels at one look; ``jacobian``: shape (13 + k, n)."""
 
     exact: ClassVar[bool] = False
-    jacobian: FloatArray
-    normal: FloatArray
 
-    @property
-    def shared(self) -> FloatArray:
-        return self.normal[: SCALE + 1, : SCALE + 1]
-
-    @property
-    def mixed(self) -> FloatArray:
-        return self.normal[: SCALE + 1, SCALE + 1 :]
-
-    @property
-    def air(self) -> FloatArray:
-        return self.normal[SCALE + 1 :, SCALE + 1 :]
+    def __init__(self, jacobian: FloatArray, normal: FloatArray) -> None:
+        self._jacobian, own = jacobian, SCALE + 1
+        self.shared, self.mixed, self.air = normal[:own, :own], normal[:own, own:], normal[own:, own:]
 
     def rights(self, look: EdgeLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides of other residuals by the same derivatives."""
-        right = self.jacobian @ (weights * look.residuals)
+        right = self._jacobian @ (weights * look.residuals)
         return right[: SCALE + 1], right[SCALE + 1 :]
 
 
 class EdgeModel:
-    """The pixels of one image near the limb; ``motion``: shape (11, q), derivatives of places on the limb [px]."""
+    """The pixels of one image near the limb.
 
-    def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
-        self.pixels, self.known, self._motion = pixels, known, motion
-        self._px_per_m = float(np.abs(motion[POSE - 1]).max())
+    ``known``: the image's share of what is known; ``tighter``: factor on its information on blur and scale height.
+    """
+
+    def __init__(self, pixels: EdgePixels, known: LimbKnowledge, tighter: float) -> None:
+        self.pixels, self.known = pixels, known
+        self._px_per_m = float(np.abs(pixels.motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
-        self._held = False
-        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
-        rows = np.zeros((3, SCALE + 1))
-        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
-        rows /= sigmas[:, None]
-        self._prior_rows = rows, rows * np.array([[HELD], [HELD], [1.0]])
+        self._tighter = tighter
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -210,8 +143,12 @@ class EdgeModel:
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
-        known, rows = self.known, self._prior_rows[self._held]
-        off = np.array([*(known.own - own), known.middle_m - pose.height_m - own[1]]) * rows.max(axis=1)
+        known = self.known
+        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        sigmas[:2] /= np.sqrt(self._tighter)
+        middle_m = known.mean.height_m + known.scale_height_m - pose.height_m - own[1]
+        off, rows = np.array([*(known.own - own), middle_m]) / sigmas, np.zeros((3, SCALE + 1))
+        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0 / sigmas
         return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
 
     def reach(self, step: FloatArray) -> float:
@@ -227,8 +164,8 @@ class EdgeModel:
 
         The limb of a soft air is a scale height above its foot, so that one rises as much as the other falls.
         """
-        rises = step[SCALE] * self._motion[POSE - 1]
-        return float(np.abs(step[:BLUR] @ self._motion + rises).max())
+        rises = step[SCALE] * self.pixels.motion[POSE - 1]
+        return float(np.abs(step[:BLUR] @ self.pixels.motion + rises).max())
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None
@@ -241,27 +178,14 @@ class EdgeModel:
         levels = solve_levels(seen.basis, pixels.values, weights, pixels.sectors, self._spread)
         return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
 
-    def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
+    def noise(self, look: EdgeLook) -> LightNoise:
         """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
-        pixels, self._held = self.pixels, before is None
+        pixels = self.pixels
+        places = np.array([pixels.columns, pixels.rows])
         noise, self._spread = light_noise(
-            look.seen.basis,
-            np.array([pixels.columns, pixels.rows]),
-            pixels.values,
-            pixels.counts,
-            pixels.sectors,
-            pixels.rounding,
+            look.seen.basis, places, pixels.values, pixels.counts, pixels.sectors, pixels.rounding
         )
         return noise
-
-    def noise_of(
-        self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray
-    ) -> LightNoise:
-        """Return the noise of other pixels of the image as that of these, and take over the levels' spread."""
-        self._spread = before._spread
-        seen, pixels = self._seen(pose, self.pixels.lens, own, air), self.pixels
-        levels = solve_levels(seen.basis, pixels.values, pixels.counts, pixels.sectors, self._spread)
-        return noise.at(seen.edge.level, pixels.counts, pixels.values - levels.of_pixels(seen.basis))
 
     def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
         """Return the normal equations at a look, the levels eliminated."""
@@ -271,25 +195,14 @@ class EdgeModel:
         self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_LOG_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
-        by_log_soft = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft * float(own[1])
-        per_rad = by_x / seen.scale + by_log_soft * seen.sagging
-        by_height = seen.angle.by_height * per_rad
+        per_m = -by_x / pixels.width_m
         jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
-        jacobian[:3] = seen.angle.by_rotation * per_rad
-        jacobian[3 : POSE - 1] = seen.angle.by_position * per_rad
-        jacobian[POSE - 1] = by_height
-        # The distance to the limb changes the scale of heights.
-        nearer = by_log_soft * seen.angle.by_height**2
-        jacobian[3 : POSE - 1] -= nearer * (seen.angle.p * seen.angle.axes)[:, None]
-        jacobian[POSE - 1] += nearer * seen.angle.axes[0]
-        jacobian[POSE:BLUR] = pixels.by_lens * per_rad
-        jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
+        jacobian[:3] = seen.by_turn * per_m
+        jacobian[3:POSE] = pixels.by_pose[3:] * per_m
+        jacobian[POSE:BLUR] = pixels.by_lens * per_m
+        jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + 2.0 * pixels.bend_m * per_m)
         jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
-        jacobian[SCALE + 1 :] = pixels.modes * by_height
-        if pixels.scale_changes is not None:
-            # A larger scale draws distance and softness together.
-            by_scale = by_x * (seen.x - 0.5 * blur**2 * pixels.bend) + jacobian[SCALE] * own[1]
-            jacobian[:BLUR] -= by_scale * pixels.scale_changes
+        jacobian[SCALE + 1 :] = pixels.modes * jacobian[POSE - 1]
         return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
 
     def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
@@ -301,30 +214,19 @@ class EdgeModel:
         return self._last[1]
 
     def _predicted(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
-        pixels, known = self.pixels, self.known
+        pixels, soft = self.pixels, None
         blur, scale_m = float(np.exp(own[0])), float(own[1])
-        axes = known.axes_m + pose.height_m
-        angle = limb_angle(pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
-        lift = pixels.lift_m + air @ pixels.modes
-        delta = angle.delta + pixels.offset + angle.by_height * lift
-        if (lens != pixels.lens).any():
-            delta = delta + (lens - pixels.lens) @ pixels.by_lens
-        scale = pixels.scale
-        if pixels.scale_changes is not None:
-            step = np.concatenate([pixels.pose.step_to(pose), lens - pixels.lens])
-            scale = scale * np.exp(step @ pixels.scale_changes)
-        x = delta / scale + 0.5 * blur**2 * pixels.bend
-        soft, sagging = None, np.zeros(())
-        if known.soft:
-            # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
-            # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
-            bent = 0.5 * axes[0] * angle.by_height
-            sag = np.maximum(1.0 + np.minimum(delta, 0.0) * bent, LEAST_SAG)
-            soft = angle.by_height / (scale * sag)
-            sagging = np.where((delta < 0.0) & (sag > LEAST_SAG), -bent / sag, 0.0)
-        wide = np.sqrt(blur**2 + pixels.wide_px2)
+        across, by_turn = pixels.moved(pose, lens)
+        across = across + pixels.by_pose[POSE - 1] * (pixels.lift_m + air @ pixels.modes)
+        if self.known.soft:
+            # Outside the limb a ray passes lower than its distance from the limb: 0.4 % at 8 km seen from 500 km. Half
+            # is far above any air and keeps the exponential edge monotonic.
+            lower = np.maximum(1.0 - pixels.curve * np.maximum(across, 0.0), 0.5)
+            soft = 1.0 / (pixels.width_m * lower)
+        x = -(across + blur**2 * pixels.bend_m) / pixels.width_m
+        wide = np.sqrt(blur**2 + pixels.spread_px2)
         edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
-        return _Edge(angle, x, wide, edge, soft, sagging, scale, light_basis(edge.level, x, pixels.along))
+        return _Edge(x, by_turn, wide, edge, soft, light_basis(edge.level, x, pixels.along))
 
 
 @dataclass(frozen=True)
@@ -332,14 +234,13 @@ class SectorPlaces:
     """What every sector shows.
 
     ``uv``: shape (m, 2), a point on its limb [px]; ``off_rad``: shape (m,), how far inside the fitted limb it shows the
-    limb, relief included; ``information``: shape (m,), inverse variance of that by noise; ``relief``: shape (k, m), the
-    limb's modes there [rad]; ``levels``: shape (m,), how much brighter than space it is inside the limb.
+    limb, relief included; ``squares``: shape (m,), squares of what is left of that without the relief, over the
+    variance by noise, NaN where nothing is seen; ``levels``: shape (m,), how much brighter than space it is inside.
     """
 
     uv: FloatArray
     off_rad: FloatArray
-    information: FloatArray
-    relief: FloatArray
+    squares: FloatArray
     levels: FloatArray
 
 
@@ -348,18 +249,16 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     pixels, seen, count = model.pixels, look.seen, model.pixels.sectors
 
     def sums(values: FloatArray) -> FloatArray:
-        return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
+        return np.asarray(values.reshape(count, -1).sum(axis=1))
 
-    slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope / pixels.scale
+    size = len(pixels.values) // count
+    slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope * pixels.distance_m / pixels.width_m
     information = sums(weights * slope * slope)
     shift = sums(weights * slope * look.residuals) / np.maximum(information, 1e-300)
-    relief = sums(seen.angle.by_height * pixels.modes) * count / len(pixels.values)
-    size = len(pixels.values) // count
     nearest = np.argmin(np.abs(seen.x).reshape(count, -1), axis=1) + size * np.arange(count)
     return SectorPlaces(
         uv=np.column_stack([pixels.columns[nearest], pixels.rows[nearest]]).astype(float),
-        off_rad=shift + air @ relief,
-        information=information,
-        relief=relief,
+        off_rad=shift + sums(air @ pixels.modes / pixels.distance_m) / size,
+        squares=np.where(information > 0.0, shift**2 * information, np.nan),
         levels=inner_levels(pixels.values, seen.edge.level, look.levels.of_sector),
     )

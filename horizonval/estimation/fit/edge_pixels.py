@@ -1,8 +1,4 @@
-"""The pixels for a fit of the limb's edge, and the heights of the limb along it.
-
-**Pixels.** Those within a window about the limb. Where they are more than the fit needs (:data:`MOST_PIXELS`), pixels
-at one distance from the limb and near each other are replaced by their mean: cells are half a pixel deep at the edge
-and wider beside it, and the variance of the distances in a cell is a part of its blur.
+"""The pixels for a fit of the limb's edge, those within a window about it, and the heights of the limb along it.
 
 **Modes.** Along the limb the height differs from its mean by a random function of azimuth with the covariance ``K(phi)
 = s^2 exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and
@@ -17,7 +13,7 @@ A sphere fitted to the oblate Earth has a second relief. The limb of a planet of
 sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb; its covariance over all poles
 (:mod:`horizonval.earth.limb_heights`) is added to ``K``.
 
-Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
+Modes that together hold less than a thousandth of the variance are left out; between nodes the modes are linear.
 """
 
 from __future__ import annotations
@@ -31,60 +27,37 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
-from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.edge import EdgeModel, EdgePixels
 from horizonval.estimation.fit.heights import ArcPlaces
-from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
+from horizonval.estimation.fit.image import POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
     OUTSIDE_SCALES,
-    LightNoise,
     from_widest_gap,
     sectors_of,
 )
 from horizonval.estimation.fit.pixels import (
-    LimbAngle,
-    gradient,
-    image_scale,
-    in_view,
-    limb_angle,
-    limb_bend,
+    FEWEST_LIMB_PX,
+    Limb,
+    LimbPixels,
+    limb_pixels,
     near_pixels,
     pixel_at_limb_m,
+    with_errors,
 )
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.limb.picture import rounding_variance
-from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import tangent_basis
 
-BLURS = 3.0
-"""Additional width of the window for a blurred limb, in blurs: half the width of the edge."""
-SHARP_PX = 1.0
-"""Blur from which the window grows."""
-LARGEST_BLUR_PX = INSIDE_PX
-"""Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
-FEWEST_LIMB_PX = 8
-"""Smallest limb in view [px]: seven unknowns and a level."""
-PLACES = 48
-"""Places along the limb at which its bend and motion are evaluated: four to the wave of a pose's unknowns on a whole
-disc, and more."""
-SHORTEST_RAD = 0.05
-"""Correlation length of cloud heights at the Earth's centre: 3 deg."""
 MISPLACED_PX = 0.05
 """Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
 of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
 the limb."""
-DARKEST_SIGMA_RAD = 0.3
-"""Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
-STEP_PX = 0.5
-"""Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
 MOST_PIXELS = 4000
 """Number of pixels and cells of an image from which it is fitted by cells."""
-CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
-"""Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
-0.6, and its fourth moment changes the edge by less than 1e-4 of the step."""
 
 
 @dataclass(frozen=True)
@@ -103,28 +76,17 @@ class EdgeChooser:
     """Chooses the pixels of all images of a shot.
 
     ``knowledge``: of the limb, in the axes of the body; ``whole``: share of the profile across the limb that must be in
-    the picture; ``scaled``: whether the image scale follows pose and lens: a shift of the principal point and a turn
-    move the limb alike, and differ by its change.
+    the picture.
     """
 
-    def __init__(
-        self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0, *, scaled: bool = False
-    ) -> None:
-        self.images, self.knowledge, self._whole, self._scaled = tuple(images), knowledge, whole, scaled
+    def __init__(self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0) -> None:
+        self.images, self.knowledge, self._whole = tuple(images), knowledge, whole
         # The scale height is common to all images, each of which states its share of what is known of it.
         share = float(np.sqrt(len(self.images)))
-        self.known = EdgeKnown(
-            knowledge.ellipsoid.axes_m,
-            knowledge.blur_px,
-            knowledge.blur_log_sigma,
-            knowledge.scale_height_m,
-            share * knowledge.scale_sigma_m,
-            knowledge.mean.height_m + knowledge.scale_height_m,
-            share * knowledge.middle_sigma_m,
-        )
+        sigmas = share * knowledge.scale_sigma_m, share * knowledge.middle_sigma_m
+        self.known = replace(knowledge, scale_sigma_m=sigmas[0], middle_sigma_m=sigmas[1])
         self._basis_body: FloatArray | None = None
         self._heights: _Heights | None = None
-        self._most: int | None = None
 
     def start(self, pose: LimbPose) -> ShotState:
         """Return the unknowns before the first choice, of the body's pose."""
@@ -134,261 +96,100 @@ class EdgeChooser:
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
     ) -> Chosen:
         """Return the pixels near the limb at a state."""
-        pose = state.pose
         if self._basis_body is None or before is None:
             self._heights = None
-            self._basis_body = tangent_basis(pose.nadir_cam)
-        limbs, lens_open = [], self._scaled or bool(self.knowledge.lens_sigmas.any())
-        for one, own in zip(self.images, state.own, strict=True):
-            near = _limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole, lens_open=lens_open)
-            limbs.append(near)
+            self._basis_body = tangent_basis(state.pose.nadir_cam)
+        limbs = [
+            self._limb(one, state.pose, float(np.exp(own[0])), float(own[1]), lens, most)
+            for one, own in zip(self.images, state.own, strict=True)
+        ]
         # The heights along the limb are those at the start: what it moves by is small before what they vary over.
         if self._heights is None:
-            self._heights = _heights(limbs, pose, self.knowledge)
+            self._heights = _heights(limbs, state.pose, self.knowledge)
             state = replace(state, air=np.zeros(self._heights.count))
-        models = [
-            _model(limb, pose.of_camera(one.cam_from_body), self._heights, self.known, self._scaled)
-            for limb, one in zip(limbs, self.images, strict=True)
-        ]
-        columns = [np.arange(self._heights.count)] * len(models)
-        noises: list[LightNoise | None] = [None] * len(models)
-        if before is not None and most == self._most:
-            for k, (model, own) in enumerate(zip(models, state.own, strict=True)):
-                was, noise = before.models[k], before.noises[k]
-                if isinstance(was, EdgeModel) and isinstance(noise, LightNoise):
-                    pose = state.pose.of_camera(self.images[k].cam_from_body)
-                    noises[k] = model.noise_of(was, noise, pose, own, state.air)
-        self._most = most
-        return Chosen(models, columns, state, noises)
+        models = [EdgeModel(_sectors(limb, self._heights), self.known, tighter) for limb in limbs]
+        return Chosen(models, [np.arange(self._heights.count)] * len(models), state)
+
+    def _limb(
+        self, one: EdgeImage, body: LimbPose, blur_px: float, scale_m: float, lens: FloatArray, most: int | None
+    ) -> _Limb:
+        """Return the pixels near a limb, gathered in cells where they are many.
+
+        Pixels whose limb is outside the picture are left out: without an edge they would determine levels alone and
+        misplace the limb. Raises ``LinAlgError``: too little limb in view, or an edge that is none.
+        """
+        if blur_px > INSIDE_PX:
+            raise np.linalg.LinAlgError(f"the edge is wider than {INSIDE_PX:.0f} px: no limb near the start")
+        camera, pose = with_errors(one.camera, lens), body.of_camera(one.cam_from_body)
+        axes = self.knowledge.ellipsoid.axes_m + pose.height_m
+        # Three blurs are half the width of an edge.
+        wide = 3.0 * max(blur_px - 1.0, 0.0)
+        soft = OUTSIDE_SCALES * scale_m / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
+        outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
+        near = near_pixels(camera, pose, axes, outside, inside, most)
+        seen = np.isfinite(one.image[near.rows, near.columns])
+        seen &= near.in_view(camera, (-self._whole * outside, self._whole * inside))
+        if not seen.all():
+            near = near.take(seen)
+        limb_px = int(np.count_nonzero(np.abs(near.x_px) < 0.5)) * near.every
+        fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
+        if limb_px < fewest:
+            raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
+        rounding = rounding_variance(one.image[near.rows, near.columns])
+        assert self._basis_body is not None
+        basis = one.cam_from_body @ self._basis_body
+        pixels = limb_pixels(one.image, camera, near, pose, lens, axes, basis, MOST_PIXELS)
+        return _Limb(pixels, Limb(pose.cam_from_itrs, pose.r_itrs, axes), camera, limb_px, rounding)
 
 
 @dataclass(frozen=True)
 class _Limb:
-    """The pixels near the limb in one image, or cells of them, at a pose, n in all.
+    """The pixels near the limb in one image; ``limb_px``: its length in view; ``rounding``: variance of rounding."""
 
-    ``camera``: with the errors ``lens``, which are unknowns if ``lens_open``; ``los``: shape (3, n), lines of sight,
-    whose angle is ``angle``; ``gradient``: shape (2, n), change of the angle by column and by row [rad/px]; ``delta``,
-    ``values``, ``columns``, ``rows``: shape (n,), means of the pixels' angles, grey levels and places; ``counts``,
-    ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape (n,), about the body's nadir at the start [rad];
-    ``on_limb``: numbers of some pixels nearest to the limb; ``limb_px``, ``limb_rad``: its length; ``rounding``:
-    variance of rounding.
-    """
-
+    pixels: LimbPixels
+    limb: Limb
     camera: CameraModel
-    lens: FloatArray
-    lens_open: bool
-    los: FloatArray
-    gradient: FloatArray
-    delta: FloatArray
-    values: FloatArray
-    columns: FloatArray
-    rows: FloatArray
-    counts: FloatArray
-    wide_px2: FloatArray
-    angle: LimbAngle
-    azimuth: FloatArray
-    on_limb: NDArray[np.intp]
     limb_px: int
-    limb_rad: float
     rounding: float
 
     @cached_property
-    def scale(self) -> FloatArray:
-        """Image scale across the limb [rad/px], shape (n,)."""
-        return np.hypot(*self.gradient)
-
-    @property
-    def pixel_m(self) -> FloatArray:
-        """Height that a pixel sees at each of the places on the limb."""
-        return np.asarray(self.scale[self.on_limb] / self.angle.take(self.on_limb).by_height)
-
-    @cached_property
-    def by_lens(self) -> FloatArray:
-        """Change of the angle by errors of the lens, shape (4, n).
-
-        A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other
-        side.
-        """
-        if not self.lens_open:
-            return np.zeros((LENS, len(self.columns)))
-        camera, none, one = self.camera, np.zeros_like(self.columns), np.ones_like(self.columns)
-        bent = np.zeros((len(one), 2))
-        if camera.projection != "equal_angle":
-            # Linear in its coefficient: one of a whole pixel at the corner is as good as a small one.
-            there, _ = project(miscalibrated(camera, distortion_px=1.0), self.los.T)
-            bent = np.nan_to_num(there - np.column_stack([self.columns, self.rows]))
-        to_column = np.array([self.columns - camera.cx, one, none, bent[:, 0]])
-        to_row = np.array([self.rows - camera.cy, none, one, bent[:, 1]])
-        return -(self.gradient[0] * to_column + self.gradient[1] * to_row)
+    def on_limb(self) -> NDArray[np.intp]:
+        """Numbers of some pixels nearest to the limb, four to the shortest wave of a pose round a disc, or more."""
+        on_limb = np.flatnonzero(np.abs(self.pixels.across_m) < 0.5 * self.pixels.width_m)
+        return on_limb[:: max(1, len(on_limb) // 48)]
 
 
-def _limb(
-    one: EdgeImage,
-    body: LimbPose,
-    basis_body: FloatArray,
-    known: EdgeKnown,
-    own: FloatArray,
-    lens: FloatArray,
-    most: int | None,
-    whole: float,
-    *,
-    lens_open: bool,
-) -> _Limb:
-    """Return the pixels near a limb, gathered in cells where they are many.
-
-    Pixels whose limb is outside the picture are left out: without an edge they would determine levels alone and
-    misplace the limb. Raises ``LinAlgError``: too little limb in view, or an edge that is none.
-    """
-    blur_px = float(np.exp(own[0]))
-    if blur_px > LARGEST_BLUR_PX:
-        raise np.linalg.LinAlgError(f"the edge is wider than {LARGEST_BLUR_PX:.0f} px: no limb near the start")
-    camera, pose = with_errors(one.camera, lens), body.of_camera(one.cam_from_body)
-    axes = known.axes_m + pose.height_m
-    wide = BLURS * max(blur_px - SHARP_PX, 0.0)
-    soft = OUTSIDE_SCALES * float(own[1]) / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
-    outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
-    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
-    values = np.asarray(one.image[near.rows, near.columns], dtype=np.float64)
-    seen = in_view(camera, near, angle, (-whole * outside, whole * inside)) & np.isfinite(values)
-    if not seen.all():
-        near, angle, values = near.take(seen), angle.take(seen), values[seen]
-    slopes = gradient(angle, near.by_column, near.by_row)
-    x = angle.delta / np.hypot(*slopes)
-    on_limb = np.flatnonzero(np.abs(x) < 0.5)
-    limb_px = len(on_limb) * near.every
-    fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
-    if limb_px < fewest or not len(on_limb):
-        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
-    across = (basis_body.T @ one.cam_from_body.T) @ near.los_cam
-    azimuth, counts, wide_px2 = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi), np.ones(len(x)), np.zeros(len(x))
-    each = [*near.los_cam, *slopes, angle.delta, values, near.columns, near.rows]
-    limb_rad = float(np.hypot(*slopes)[on_limb].sum()) * near.every
-    rounding = rounding_variance(values)
-    if len(values) > MOST_PIXELS:
-        azimuth, counts, wide_px2, x, each = _gathered(azimuth, x, each)
-        on_limb = np.flatnonzero(np.abs(x) < CELL_PX)
-        angle = limb_angle(np.array(each[:3]), pose.cam_from_itrs, pose.r_itrs, axes)
-    delta, values, columns, rows = (np.asarray(row, dtype=np.float64) for row in each[5:])
-    return _Limb(
-        camera=camera,
-        lens=lens,
-        lens_open=lens_open,
-        los=np.array(each[:3]),
-        gradient=np.array(each[3:5]),
-        delta=delta,
-        values=values,
-        columns=columns,
-        rows=rows,
-        counts=counts,
-        wide_px2=wide_px2,
-        angle=angle,
-        azimuth=azimuth,
-        on_limb=on_limb[:: max(1, len(on_limb) // PLACES)],
-        limb_px=limb_px,
-        limb_rad=limb_rad,
-        rounding=rounding,
-    )
-
-
-def with_errors(camera: CameraModel, lens: FloatArray) -> CameraModel:
-    """Return a camera with errors of its lens, shape (4,)."""
-    if not lens.any():
-        return camera
-    return miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
-
-
-def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
-    """Return the relative changes of the image scale by pose and lens, shape (11, n), as central differences."""
-    camera = limb.camera
-    pixel_m = float(np.median(limb.pixel_m))
-    pixel_rad = 1.0 / max(camera.fx, camera.fy)
-    sizes = STEP_PX * np.array([*[pixel_rad] * 3, *[pixel_m] * 4, pixel_rad, 1.0, 1.0, 1.0])
-    bends = camera.projection != "equal_angle"
-    sides = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    around = np.column_stack([limb.columns, limb.rows]) + sides[:, None]
-
-    def scale(step: FloatArray) -> FloatArray:
-        lens, moved = step[POSE:], pose.moved(step[:POSE])
-        changed = with_errors(camera, lens)
-        los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
-        angle = limb_angle(los, moved.cam_from_itrs, moved.r_itrs, known.axes_m + moved.height_m)
-        return image_scale(angle, 0.5 * (right - left), 0.5 * (below - above))
-
-    changes = np.zeros((POSE + LENS, len(limb.scale)))
-    for number, step in enumerate(np.diag(sizes)[: len(sizes) - (not bends)]):
-        changes[number] = (scale(step) - scale(-step)) / (2.0 * sizes[number] * limb.scale)
-    return np.nan_to_num(changes)
-
-
-def _model(limb: _Limb, pose: LimbPose, heights: _Heights, known: EdgeKnown, scaled: bool) -> EdgeModel:
-    """Return the model of an image's pixels, at the pose of its camera."""
-    sectors = sectors_of(limb.azimuth, limb.limb_px, limb.limb_rad)
-    order, some, angle = sectors.order, limb.on_limb, limb.angle
-    lift, modes = heights.at(limb.azimuth)
+def _sectors(seen: _Limb, heights: _Heights) -> EdgePixels:
+    """Return the pixels of an image in sectors."""
+    pixels, some = seen.pixels, seen.on_limb
+    limb_rad = seen.limb_px * float(np.mean(pixels.width_m[some] / pixels.distance_m[some]))
+    sectors = sectors_of(pixels.azimuth, seen.limb_px, limb_rad)
+    lift, modes = heights.at(pixels.azimuth)
     if heights.misplaced:
         # As a height, since a height is what a mode is of.
-        modes = np.concatenate([modes, [MISPLACED_PX * limb.scale / angle.by_height]])
-    pixels = EdgePixels(
-        columns=limb.columns[order],
-        rows=limb.rows[order],
-        values=limb.values[order],
-        counts=limb.counts[order],
-        wide_px2=limb.wide_px2[order],
-        rounding=limb.rounding,
+        modes = np.concatenate([modes, [MISPLACED_PX * pixels.width_m]])
+    uv = np.column_stack([pixels.columns, pixels.rows])[some]
+    bend = seen.limb.bend_m(seen.camera, uv, pixels.gradient[:, some])
+    of_limb = np.concatenate([pixels.by_pose, pixels.by_lens])[:, some]
+    order = sectors.order
+    arrays = pixels.of(order)
+    # In pixels, whose width is that at the pose of the choice, a nearer or a higher limb moves alike on both sides.
+    arrays["by_pose"][3:] /= -arrays["by_pose"][POSE - 1]
+    return EdgePixels(
+        pixels.pose,
+        pixels.lens,
+        pixels.every,
+        **arrays,
         sectors=sectors.count,
         # A linear array crosses the limb in one pixel, which has no place along it.
-        along=sectors.along if limb.limb_px > 1 else np.zeros(len(order)),
-        los_cam=np.ascontiguousarray(limb.los[:, order]),
-        offset=(limb.delta - angle.delta)[order],
-        by_lens=np.ascontiguousarray(limb.by_lens[:, order]),
-        lens=limb.lens,
-        scale=limb.scale[order],
-        scale_changes=np.ascontiguousarray(_scale_changes(limb, pose, known)[:, order]) if scaled else None,
-        pose=pose,
-        bend=_bend(limb, pose, known)[order],
+        along=sectors.along if seen.limb_px > 1 else np.zeros(len(order)),
+        rounding=seen.rounding,
+        bend_m=np.interp(pixels.azimuth[order], pixels.azimuth[some], bend, period=2.0 * np.pi),
         lift_m=lift[order],
         modes=np.ascontiguousarray(modes[:, order]),
+        motion=of_limb / pixels.width_m[some],
+        curve=seen.limb.curve,
     )
-    angle = angle.take(some)
-    by_all = [angle.by_rotation, angle.by_position, angle.by_height[None], limb.by_lens[:, some]]
-    return EdgeModel(pixels, known, np.concatenate(by_all) / limb.scale[some])
-
-
-def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
-    """Return the bend of the limb at the pixels, shape (n,)."""
-    uv = np.column_stack([limb.columns, limb.rows])[limb.on_limb]
-    bend = limb_bend(limb.camera, uv, pose.cam_from_itrs, pose.r_itrs, known.axes_m + pose.height_m)
-    seen = np.isfinite(bend)
-    if not seen.any():
-        return np.zeros(len(limb.azimuth))
-    return np.asarray(np.interp(limb.azimuth, limb.azimuth[limb.on_limb][seen], bend[seen], period=2.0 * np.pi))
-
-
-def _gathered(
-    azimuth: FloatArray, x: FloatArray, each: list[FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, list[FloatArray]]:
-    """Return pixels gathered in cells of azimuth and distance.
-
-    ``azimuth``, ``x``: shape (n,), distance inside the limb [px]; ``each``: r rows (n,). Result for m cells, shape (m,)
-    each: azimuth, number of pixels, variance of the distances, mean distance, and means of the rows.
-    """
-    edges = np.arange(-EDGE_PX, EDGE_PX + 0.5 * CELL_PX, CELL_PX)
-    beside = (np.arange(-EDGE_PX, x.min(), -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, x.max(), WIDE_CELL_PX)[1:])
-    across = np.searchsorted(np.concatenate([beside[0], edges, beside[1]]), x)
-    deep = int(across.max()) + 1
-    order, along = from_widest_gap(azimuth)
-    count = max(MOST_PIXELS // deep, 1)
-    turned = np.empty(len(order))
-    turned[order] = along
-    arc = np.minimum((turned * (count / max(along[-1], 1e-300))).astype(np.intp), count - 1)
-    number = arc * deep + across
-    every = np.bincount(number, minlength=count * deep)
-    used = np.flatnonzero(every)
-    pixels = every[used].astype(np.float64)
-    along, middle, square, *means = (np.bincount(number, row)[used] / pixels for row in (turned, x, x * x, *each))
-    around = np.mod(along + azimuth[order[0]], 2.0 * np.pi)
-    return around, pixels, np.maximum(square - middle**2, 0.0), middle, means
 
 
 @dataclass(frozen=True)
@@ -423,59 +224,36 @@ class _Heights:
 
 def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -> _Heights:
     """Return the heights along the limb that all images see together."""
-    order, _ = from_widest_gap(np.concatenate([limb.azimuth for limb in limbs]))
-    everywhere = np.concatenate([limb.azimuth for limb in limbs])
-    first = float(everywhere[order[0]])
-    span = float(np.mod(everywhere[order[-1]] - first, 2.0 * np.pi))
+    everywhere = np.concatenate([limb.pixels.azimuth for limb in limbs])
+    order, along = from_widest_gap(everywhere)
+    first, span = float(everywhere[order[0]]), float(along[-1])
     axes = knowledge.ellipsoid.axes_m + body.height_m
     rho = float(np.arcsin(min(float(axes[0]) / float(np.linalg.norm(body.r_itrs)), 1.0)))
-    uneven, sliver = knowledge.uneven, knowledge.sliver
-    if uneven is None:
+    if knowledge.uneven is None:
         nodes, modes = relief_modes(span, knowledge.reliefs, knowledge.flattened_m, rho)
-        lift = np.zeros(len(nodes))
-    else:
-        nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
-    if uneven is not None or sliver is not None:
-        seen = np.concatenate([np.mod(limb.azimuth[limb.on_limb] - first, 2.0 * np.pi) for limb in limbs])
-        order = np.argsort(seen)
-        pixel_m = np.interp(nodes, seen[order], np.concatenate([limb.pixel_m for limb in limbs])[order])
-    if uneven is not None:
-        lift, covariance = uneven.along(_places(nodes + first, body, rho, pixel_m), nodes)
-        modes = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
-    if sliver is not None:
-        u, v = sliver.darkest @ tangent_basis(body.nadir_cam)
-        away = nodes + first - np.arctan2(v, u)
-        unlit = sliver.depth_px * pixel_m * np.maximum(np.cos(away), 0.0)
-        depth = unlit * np.cos(away)
-        lift = lift - depth
-        modes = np.concatenate([modes, [depth, DARKEST_SIGMA_RAD * 2.0 * unlit * np.sin(away)]])
-    return _Heights(first, nodes, lift, modes, misplaced=uneven is None and bool(knowledge.reliefs))
-
-
-def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:
-    """Return places along the limb at azimuths (m,) about the nadir."""
-    nadir = pose.nadir_cam
-    basis = tangent_basis(nadir)
-    outwards = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
-    los = np.cos(rho_rad) * nadir + np.sin(rho_rad) * outwards
-    up = np.cos(rho_rad) * outwards - np.sin(rho_rad) * nadir
-    return ArcPlaces(los, up, pose.cam_from_itrs, pixel_m)
-
-
-LEFT_OUT = 1e-3
-"""Neglected share of the heights' variance: 3 % of their standard deviation, in waves too short to act as a tilt."""
-NODES_PER_LENGTH = 2.0
-"""Per correlation length: a Gaussian covariance sampled at half of its length loses 2e-4 of its variance between."""
-MOST_NODES = 96
-"""Largest number of nodes: a circle of 6.3 rad at 0.13 rad. Shorter reliefs are averaged over a node, as a tilt
-does."""
-OBLATE_LENGTH_RAD = 0.5
-"""Correlation length for the nodes of an ellipsoid's limb, two waves round a circle."""
+        return _Heights(first, nodes, np.zeros(len(nodes)), modes, misplaced=bool(knowledge.reliefs))
+    # Cloud heights are correlated over 3 deg at the Earth's centre.
+    nodes = relief_nodes(span, 0.05 / float(np.cos(rho)))
+    azimuth, nadir = nodes + first, body.nadir_cam
+    seen = np.concatenate([limb.pixels.azimuth[limb.on_limb] for limb in limbs])
+    widths = np.concatenate([limb.pixels.width_m[limb.on_limb] for limb in limbs])
+    outwards = (tangent_basis(nadir) @ np.array([np.cos(azimuth), np.sin(azimuth)])).T
+    places = ArcPlaces(
+        np.cos(rho) * nadir + np.sin(rho) * outwards,
+        np.cos(rho) * outwards - np.sin(rho) * nadir,
+        body.cam_from_itrs,
+        np.interp(azimuth, seen, widths, period=2.0 * np.pi),
+    )
+    lift, covariance = knowledge.uneven.along(places, nodes)
+    modes = modes_of(covariance + oblate_covariance(azimuth, knowledge.flattened_m, rho))
+    return _Heights(first, nodes, lift, modes, misplaced=False)
 
 
 def relief_nodes(span_rad: float, shortest_rad: float) -> FloatArray:
     """Return azimuths [rad], shape (m,), from 0 to the span, close enough for a relief of that correlation length."""
-    count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest_rad) + 1, 3, MOST_NODES))
+    # Two nodes to a correlation length lose 2e-4 of the variance between them. A circle has 6.3 rad at 0.13 rad;
+    # shorter reliefs are averaged over a node, as a tilt does.
+    count = int(np.clip(np.ceil(2.0 * span_rad / shortest_rad) + 1, 3, 96))
     return np.linspace(0.0, span_rad, count)
 
 
@@ -490,7 +268,8 @@ def relief_modes(
     """
     if not reliefs and flattened_m == 0.0:
         return np.array([0.0, span_rad]), np.zeros((0, 2))
-    shortest = min([relief.correlation_rad for relief in reliefs] or [OBLATE_LENGTH_RAD])
+    # The limb of an ellipsoid has two waves round a circle.
+    shortest = min([relief.correlation_rad for relief in reliefs] or [0.5])
     nodes = relief_nodes(span_rad, shortest)
     width = nodes[1] - nodes[0]
     apart = np.abs(nodes[:, None] - nodes[None, :])
@@ -517,5 +296,6 @@ def modes_of(covariance: FloatArray) -> FloatArray:
     """Return the modes, shape (k, m), of a covariance of heights (m, m)."""
     variance, vectors = np.linalg.eigh(covariance)
     variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
-    kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
+    # What is left out is 3 % of their standard deviation, in waves too short to act as a tilt.
+    kept = int(np.searchsorted(np.cumsum(variance), 0.999 * variance.sum())) + 1
     return np.asarray(np.sqrt(variance[:kept])[:, None] * vectors.T[:kept])

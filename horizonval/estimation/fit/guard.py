@@ -1,24 +1,24 @@
-"""The guard of the fits: is what the image shows at the fitted limb the limb that the fit predicts?
+"""The guard: is what the image shows at the predicted limb the limb that the fit or the points predict?
 
-The pixels about the fitted limb are looked at once more, on both sides and with nothing but the geometry of the fit:
-the limb in view is cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``,
-with ``x`` the distance inside the fitted limb, ``E`` the edge of :mod:`.light`, and its place ``d``, blur and softness
-common to all pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or
-air hides a disturbance shows it here. The tests, all at the one level :data:`CHANCE`:
+The pixels about the predicted limb are examined on both sides and with nothing but its geometry: the limb in view is
+cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``, with ``x`` the
+distance inside the predicted limb, ``E`` the edge of :mod:`.light`, and its position ``d``, blur and softness common to
+all pieces. Levels are eliminated; three unknowns and a few linear steps remain. What a fit's window, prior or air hides
+shows here. The tests, all at the level :data:`CHANCE`:
 
-1. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
-2. *Share*: the pieces that are due show the edge, with one sign, and show no second one.
-3. *Place*: the edge lies within the heights of the air, and that of no piece away from its neighbours by more than
-   noise and relief do. Pieces that do are disturbed (bodies, booms, lost blocks): their azimuths are left out of a
-   second fit, and the image is refused if others turn up then, or most of them do at once.
-4. *Rows and columns*: the place of the limb does not jump from one row, or column, to the next (torn, frozen and
+1. *Levels*: no more than half of the limb is saturated.
+2. *Share*: the pieces in view and lit show the edge, with one sign.
+3. *Uniqueness*: no second edge runs along the limb.
+4. *Position*: the edge lies within the heights of the air, and is as even along itself as the relief of clouds.
+5. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
+6. *Rows and columns*: the position of the limb does not jump from one row, or column, to the next (torn, frozen and
    interlaced readout). Differences of neighbours are free of all that changes slowly: air, relief, errors of the lens.
-5. *Levels*: no more than half of the limb is saturated.
-6. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
+7. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
    departures that are improbable.
 
-Before a fit, rows and columns that hold one value or the same as their neighbours are left out
-(:func:`without_lost_lines`), and so is light beyond the air (:mod:`horizonval.estimation.limb.foreign`).
+Tests 1 to 4 serve methods of points, too, which a symmetric blur does not mislead. Before a fit, rows and columns that
+hold one value or the same as their neighbours are left out (:func:`without_lost_lines`), and so is light beyond the air
+(:mod:`horizonval.estimation.limb.foreign`).
 
 **Limits.** A mirrored image, and a principal point beyond its stated uncertainty (a tilt is the same image), are not
 seen by any test of one image. An error of the altitude is seen only where the image determines the altitude.
@@ -27,23 +27,24 @@ seen by any test of one image. An error of the altitude is seen only where the i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.special import bdtr, chdtri, ndtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
+from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pixels import near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.limb.cone import inwards_of
 from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
@@ -63,20 +64,13 @@ step to a hundredth of a pixel at one per cent of noise."""
 FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
 MOST_PIXELS = 8000
-"""Pixels of a large image that are looked at."""
-MOST_STEPS = 12
-"""Steps to the place, the blur and the softness of an edge."""
+"""Number of pixels of a large image that are examined."""
 LEAST_WIDTH_PX = 0.3
-"""Smallest blur with the pixel's own, which is 0.29 px."""
+"""Smallest blur, including the pixel's extent, which is 0.29 px."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
 """Largest step of place [px], ln blur and scale height in its scale, within the reach of the derivatives."""
-MISPLACED_PX = 0.05
-"""What an exponential edge misplaces a piece, or a row, of real air's limb by: residuals of 0.01 to 0.05 of the step
-over a slope of 0.5 of the step per pixel."""
 INDEPENDENT_LINES = 12
 """Lines whose shifts count as independent: the phases of pixels across an oblique limb repeat themselves."""
-JUMP_PX = 0.02
-"""The same for a single line and the next, which have most of it in common."""
 COIN = 0.1
 """Chance of as many pieces of one sign, if signs are random, below which they are a limb: four pieces, the shortest
 limb of a search, can reach it."""
@@ -86,8 +80,8 @@ focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times 
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 CLOUDY_BLUR_PX = 1.0
-"""Blur that the air adds in the infrared at least, where cirrus and the clouds below make two limbs: 0.8 px
-with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
+"""Least blur that the air may add in the infrared, where cirrus and the clouds below make two limbs: 0.8 px
+with pixels of 20 km. Unknown blur of this size does no harm to the fits."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
 PLACED_PX = 3.0
@@ -95,15 +89,8 @@ PLACED_PX = 3.0
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 """Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
 limb whose softness changes."""
-FEW_PIECES = 0.1
-"""Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
-NEIGHBOURS = 9
-"""Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
-MOST_LOST = 0.5
-"""Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
-RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
-"""A second limb: least step relative to the first, width of the strips, how far from the first it is sought, and lines
-across a piece."""
+FARTHEST_EDGE_PX, STRIP_PX = 40, 3
+"""How far from the limb a second edge is sought, and the width of the strips along it: an odd number of strips."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -111,9 +98,6 @@ LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
 """Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
 to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
 errors look like as much."""
-MOST_LEFT = 0.5
-"""Share of a prior's variance that is left where the image determines more than the prior: there the two must agree,
-since nothing would widen the claim."""
 
 
 @dataclass(frozen=True)
@@ -121,10 +105,9 @@ class LimbView:
     """Pixels about a predicted limb in order of azimuth, in m pieces of k pixels.
 
     ``columns``, ``rows``, ``values``, ``x``: shape (m, k), the last the distance inside the limb [px]; ``by_column``,
-    ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``azimuth``:
-    shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape (m, 3), to the middle
-    of the pieces; ``length_px``: of a piece; ``pixel_m``: height that a pixel sees; ``every``: of so many pixels one is
-    taken.
+    ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``los_cam``:
+    shape (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees; ``every``: one of so many pixels
+    is taken.
     """
 
     columns: NDArray[np.intp]
@@ -134,10 +117,7 @@ class LimbView:
     by_column: FloatArray
     by_row: FloatArray
     soft: FloatArray
-    azimuth: FloatArray
-    first_rad: float
     los_cam: FloatArray
-    length_px: float
     pixel_m: float
     every: int
 
@@ -145,22 +125,19 @@ class LimbView:
 def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, air_px: float) -> LimbView:
     """Return the pixels about a limb; raises ``LinAlgError``: none in view.
 
-    ``image``: shape (H, W), NaN where it is not to be looked at; ``axes_m``: shape (3,), of the planet with its limb's
+    ``image``: shape (H, W), NaN where it is not to be examined; ``axes_m``: shape (3,), of the planet with its limb's
     height; ``air_px``: how far outside of that the edge may lie.
     """
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
-    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
-    seen = np.isfinite(image[near.rows, near.columns]) & in_view(camera, near, angle, (0.0, 0.0))
-    by_column, by_row = gradient(angle, near.by_column, near.by_row)
-    scale = np.hypot(by_column, by_row)
-    x = angle.delta / scale
+    near = near_pixels(camera, pose, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
+    seen = np.isfinite(image[near.rows, near.columns]) & near.in_view(camera)
+    by_column, by_row = -near.gradient / near.width_m
+    x = near.x_px
     limb_px = near.every * int(np.count_nonzero(np.abs(x[seen]) < 0.5))
     pieces = min(int(limb_px / PIECE_PX), int(np.count_nonzero(seen)) // FEWEST_OF_PIECE)
     if pieces < 1:
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {PIECE_PX:.0f} are needed")
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam[:, seen]
-    raw = np.arctan2(across[1], across[0])
-    order, azimuth = from_widest_gap(raw)
+    order, _ = from_widest_gap(np.arctan2(across[1], across[0]))
     each = len(order) // pieces
     some = np.linspace(0.0, len(order) - 1.0, pieces * each).astype(np.intp)
     chosen = np.flatnonzero(seen)[order[some]].reshape(pieces, each)
@@ -171,14 +148,11 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
         near.rows[chosen],
         np.asarray(image[near.rows[chosen], near.columns[chosen]], dtype=np.float64),
         x,
-        (by_column / scale)[chosen],
-        (by_row / scale)[chosen],
-        np.abs(angle.by_height / scale)[chosen],
-        azimuth[some][np.append(np.arange(pieces) * each, -1)],
-        float(raw[order[0]]),
+        by_column[chosen],
+        by_row[chosen],
+        1.0 / near.width_m[chosen],
         near.los_cam[:, middles].T,
-        limb_px / pieces,
-        float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
+        float(np.median(near.width_m[chosen])),
         near.every,
     )
 
@@ -187,16 +161,15 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
 class SeenEdge:
     """What m pieces of k pixels of a limb show.
 
-    ``place_px``: of the edge, inside the predicted limb; ``blur_px``, ``scale_height_m``: of lens and limb;
-    ``blur_sigma``: of the blur's logarithm. Shape (m,) each: ``steps``, of radiance, positive with the whole limb's
-    sign, and ``step_sigmas``; ``off_px``, how far inside the common edge a piece has its own, and ``off_sigmas``.
-    ``slope``: shape (m, k), change of radiance per pixel inside; ``residuals``, ``weights``: shape (m, k).
+    ``place_px``: of the edge, inside the predicted limb; ``blur_px``: of the lens; ``blur_sigma``: of its logarithm.
+    Shape (m,) each: ``steps``, of radiance, positive with the whole limb's sign, and ``step_sigmas``; ``off_px``, how
+    far inside the common edge a piece has its edge, and ``off_sigmas``. Shape (m, k) each: ``slope``, change of
+    radiance per pixel inside, ``residuals``, ``weights``.
     """
 
     place_px: float
     blur_px: float
     blur_sigma: float
-    scale_height_m: float
     bright_inside: bool
     steps: FloatArray
     step_sigmas: FloatArray
@@ -227,32 +200,34 @@ def seen_edge(
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
     # Few pixels find the edge, all of them measure it.
     every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
-    few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
-    for _ in range(MOST_STEPS):
-        before, look = now, few.look(now)
+    least_variance = rounding_variance(view.values)
+    few = (view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every], least_variance)
+    weights = np.ones_like(few[1])
+    for _ in range(12):
+        before, look = now, _look(now, *few, weights)
+        weights = look.weights
         now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
         if (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
             break
-    all_of_them = _Pixels(view.values, view.x, unit_m * view.soft)
-    all_of_them.look(now)
-    look = all_of_them.look(now)
+    pixels = (view.values, view.x, unit_m * view.soft, least_variance)
+    # Across a hard edge a pixel does not change with a place beyond the pixel; a softened one reaches farther.
+    soft = _look(np.array([now[0], max(now[1], 0.0), now[2]]), *pixels, np.ones_like(view.x))
+    look = _look(now, *pixels, soft.weights)
     step, covariance = look.step(known, scale_m / unit_m - now[2])
     now = np.clip(now + step, least, most)
     step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
     sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
-    steps = sign * look.levels[:, 1]
-    information, pull = look.of_pieces()
+    information = np.maximum(soft.normal[:, 0, 0], 1e-300)
     return SeenEdge(
         place_px=float(now[0]),
         blur_px=float(np.sqrt(max(np.exp(2.0 * now[1]) - PIXEL_VARIANCE, 0.0))),
         blur_sigma=float(np.sqrt(max(covariance[1, 1], 0.0))),
-        scale_height_m=unit_m * float(now[2]),
         bright_inside=sign > 0.0,
-        steps=steps,
+        steps=sign * look.levels[:, 1],
         step_sigmas=step_sigmas,
-        off_px=pull / information,
+        off_px=soft.right[:, 0] / information,
         off_sigmas=information**-0.5,
-        slope=-look.rows[:, 3],
+        slope=look.slope,
         residuals=look.residuals,
         weights=look.weights,
     )
@@ -262,17 +237,17 @@ def seen_edge(
 class _Look:
     """An edge in m pieces of k pixels.
 
-    ``rows``: shape (m, 6, k), derivatives by the levels ``b``, ``a``, ``c`` of ``b + (a + c x) E``, and by place, ln
-    blur and scale; ``levels``: shape (m, 3); ``inverse``: shape (m, 3, 3), of their normal matrices; ``share``,
-    ``residuals``, ``variance``, ``weights``: shape (m, k), the first ``E``.
+    ``levels``: shape (m, 3), ``b``, ``a``, ``c`` of ``b + (a + c x) E``; ``inverse``: shape (m, 3, 3), of their normal
+    matrices; ``normal``, ``right``: shape (m, 3, 3) and (m, 3), equations of place, ln blur and scale without the
+    levels; ``slope``, ``residuals``, ``weights``: shape (m, k).
     """
 
-    rows: FloatArray
     levels: FloatArray
     inverse: FloatArray
-    share: FloatArray
+    normal: FloatArray
+    right: FloatArray
+    slope: FloatArray
     residuals: FloatArray
-    variance: FloatArray
     weights: FloatArray
 
     def step(self, known: float, short: float) -> tuple[FloatArray, FloatArray]:
@@ -280,8 +255,7 @@ class _Look:
 
         ``known``: square root of the information of the scale; ``short``: what it lacks of its mean.
         """
-        normal, right = self._without_levels()
-        normal, right = normal.sum(axis=0), right.sum(axis=0)
+        normal, right = self.normal.sum(axis=0), self.right.sum(axis=0)
         normal[2, 2] += known**2
         right[2] += known**2 * short
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -291,46 +265,33 @@ class _Look:
             raise np.linalg.LinAlgError("the pixels about the limb show no edge")
         return step, inverse
 
-    def of_pieces(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information of every piece about its place, and what its pixels pull by, shape (m,)."""
-        normal, right = self._without_levels()
-        return np.maximum(normal[:, 0, 0], 1e-300), right[:, 0]
 
-    def _without_levels(self) -> tuple[FloatArray, FloatArray]:
-        weighted = self.rows * self.weights[:, None]
-        normal = weighted @ self.rows.transpose(0, 2, 1)
-        right = (weighted @ self.residuals[:, :, None])[:, :, 0]
-        gain = normal[:, 3:, :3] @ _inverse(normal[:, :3, :3])
-        return normal[:, 3:, 3:] - gain @ normal[:, :3, 3:], right[:, 3:] - np.einsum("mij,mj->mi", gain, right[:, :3])
+def _look(
+    now: FloatArray, values: FloatArray, x: FloatArray, soft: FloatArray, least_variance: float, weights: FloatArray
+) -> _Look:
+    """Return the edge of a place, ln blur and scale in pixels (m, k), its levels with given weights.
 
-
-class _Pixels:
-    """Values, distances inside the predicted limb, and its softness by the scale's unit, of pixels (m, k)."""
-
-    def __init__(self, values: FloatArray, x: FloatArray, soft: FloatArray) -> None:
-        self._values, self._x, self._soft = values, x, soft
-        self._rounding = rounding_variance(values)
-        self._weights = np.ones_like(x)
-
-    def look(self, now: FloatArray) -> _Look:
-        """Return the edge of a place, ln blur and scale, its levels with the weights of the look before."""
-        x, blur = self._x - now[0], float(np.exp(now[1]))
-        edge = edge_profile(x, blur, self._soft * now[2] if now[2] > 0.0 else None)
-        basis = np.stack([np.ones_like(x), edge.level, edge.level * x], axis=1)
-        weighted = basis * self._weights[:, None]
-        normal = basis @ weighted.transpose(0, 2, 1)
-        inverse = _inverse(normal)
-        levels = (inverse @ (weighted @ self._values[:, :, None]))[:, :, 0]
-        residuals = self._values - (levels[:, None] @ basis)[:, 0]
-        space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
-        least = max(self._rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-        variance = np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)
-        self._weights = PixelNoise(variance).weights(residuals)
-        step = levels[:, 1:2] + levels[:, 2:] * x
-        by_x = step * edge.slope + levels[:, 2:] * edge.level
-        ours = np.stack([-by_x, step * edge.by_blur * blur, step * edge.by_scale * self._soft], axis=1)
-        rows = np.concatenate([basis, ours], axis=1)
-        return _Look(rows, levels, inverse, edge.level, residuals, variance, self._weights)
+    ``x``: distances inside the predicted limb [px]; ``soft``: its softness by the unit of the scale.
+    """
+    x, blur = x - now[0], float(np.exp(now[1]))
+    edge = edge_profile(x, blur, soft * now[2] if now[2] > 0.0 else None)
+    basis = np.stack([np.ones_like(x), edge.level, edge.level * x], axis=1)
+    weighted = basis * weights[:, None]
+    inverse = _inverse(basis @ weighted.transpose(0, 2, 1))
+    levels = (inverse @ (weighted @ values[:, :, None]))[:, :, 0]
+    residuals = values - (levels[:, None] @ basis)[:, 0]
+    space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
+    least = max(least_variance, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
+    weights = PixelNoise(np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)).weights(residuals)
+    step = levels[:, 1:2] + levels[:, 2:] * x
+    slope = step * edge.slope + levels[:, 2:] * edge.level
+    ours = np.stack([-slope, step * edge.by_blur * blur, step * edge.by_scale * soft], axis=1)
+    weighted = ours * weights[:, None]
+    mixed = weighted @ basis.transpose(0, 2, 1)
+    gain = mixed @ _inverse((basis * weights[:, None]) @ basis.transpose(0, 2, 1))
+    right = (weighted - gain @ (basis * weights[:, None])) @ residuals[:, :, None]
+    normal = weighted @ ours.transpose(0, 2, 1) - gain @ mixed.transpose(0, 2, 1)
+    return _Look(levels, inverse, normal, right[:, :, 0], slope, residuals, weights)
 
 
 def _steepest(view: LimbView, between_px: tuple[float, float]) -> float:
@@ -361,32 +322,13 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
     if observation.band_kind == "thermal":
         return np.ones(len(seen.steps), dtype=bool)
     if observation.sun_cam is not None:
-        # The vertical at the lowest point of a line of sight is perpendicular to it.
-        up = view.los_cam * (view.los_cam @ nadir_cam)[:, None] - nadir_cam
-        lit = up @ observation.sun_cam > 0.0
+        lit = inwards_of(view.los_cam, nadir_cam) @ observation.sun_cam < 0.0
         if lit.any():
             return np.asarray(lit)
     across = view.los_cam @ tangent_basis(nadir_cam)
     across /= np.linalg.norm(across, axis=1)[:, None]
     brightest = np.maximum(seen.steps, 0.0) @ across
     return np.asarray(across @ brightest >= 0.0)
-
-
-def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
-    """Return which pieces have the limb away from their neighbours', shape (m,).
-
-    ``relief_px``: standard deviation of the limb's place along itself.
-    """
-    # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
-    due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
-    shown = due & seen.shown
-    away = np.zeros(len(shown), dtype=bool)
-    if np.count_nonzero(shown) < NEIGHBOURS:
-        return away
-    off = seen.off_px[shown]
-    sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
-    away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
-    return away
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -423,7 +365,8 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
         found = (shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart])
         return np.asarray(found[crossed[apart:] & crossed[:-apart]])
 
-    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    # A line and the next have most of what misplaces an exponential edge in common.
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, 0.4 * MISPLACED_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
@@ -433,45 +376,32 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
-    """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
-    nearest_px = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
-    # The image along lines across the middle of every piece, in strips as wide as the window.
-    strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
-    depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
-    beside = view.length_px * (np.arange(LINES) / LINES - 0.5 + 0.5 / LINES)
-    middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
+def second_edge(image: FloatArray, view: LimbView, seen: SeenEdge, due: BoolArray, air_px: float) -> float | None:
+    """Return the distance inside the limb [px] of another edge that runs along it, out of reach of the air, or None.
+
+    It is a step of half of the limb's, with its sign, in most pieces that are due: rings of glare, apertures.
+    """
+    # The image along four lines across every piece, in strips.
+    middle = np.flatnonzero(due), np.argmin(np.abs(view.x), axis=1)[due]
     inwards = np.stack([view.by_column[middle], view.by_row[middle]])[:, :, None, None]
-    at = np.stack([view.columns[middle], view.rows[middle]])[:, :, None, None]
-    at = at + (depth + seen.place_px - view.x[middle][:, None, None]) * inwards
-    columns, rows = np.rint(at + beside * np.stack([-inwards[1], inwards[0]])).astype(np.intp)
-    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+    depth = np.arange(-FARTHEST_EDGE_PX, FARTHEST_EDGE_PX + 1.0)[:, None]
+    depth = depth + (seen.place_px - view.x[middle])[:, None, None]
+    beside = PIECE_PX * (np.arange(4) / 4.0 - 0.375) * np.stack([-inwards[1], inwards[0]])
+    at = np.stack([view.columns[middle], view.rows[middle]])[:, :, None, None] + depth * inwards + beside
+    columns, rows = np.rint(at).astype(np.intp)
+    inside = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
     values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
-    values = values.reshape(len(values), strips, -1)
+    values = values.reshape(len(values), -1, 4 * STRIP_PX)
     good = np.isfinite(values)
     means = np.where(good, values, 0.0).sum(axis=2) / np.where(good.any(axis=2), good.sum(axis=2), np.nan)
     # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
-    place_px = (np.arange(3, strips - 3) - 0.5 * (strips - 1)) * RIVAL_WIDTH_PX
-    sign = 1.0 if seen.bright_inside else -1.0
+    change = (means[:, 2:] - means[:, :-2]) * (1.0 if seen.bright_inside else -1.0)
+    step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4])
+    place = STRIP_PX * (np.arange(step.shape[1]) - step.shape[1] // 2)
     with np.errstate(invalid="ignore"):
-        change = sign * (means[:, 2:] - means[:, :-2])
-        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= RIVAL_STEP * np.abs(seen.steps)[:, None]
-    step &= (np.abs(place_px) >= nearest_px) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
-    # A limb goes on at nearly the same distance in the pieces to both sides; edges of clouds are anywhere.
-    near = np.pad(maximum_filter1d(step, 3, axis=1), ((1, 1), (0, 0)), mode="edge")
-    return np.asarray((step & near[:-2] & near[2:]).any(axis=1))
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the guard says of a fitted limb.
-
-    ``refusal``: why it is not believed, None if it is; ``disturbed``: shape (k, 2), from which azimuths about the nadir
-    to which [rad] something stands before the limb or is missing.
-    """
-
-    refusal: Refusal | None
-    disturbed: FloatArray
+        shows = (step >= 0.5 * np.abs(seen.steps[due])[:, None]) & (np.abs(place) >= max(STRIP_PX, air_px) + STRIP_PX)
+    count = maximum_filter1d(shows, 3, axis=1).sum(axis=0)
+    return float(place[np.argmax(count)]) if count.max() >= _needed(len(shows)) else None
 
 
 def examined(
@@ -484,8 +414,8 @@ def examined(
     points: FloatArray,
     uneven_px: float = 0.0,
     by_pixels: bool = True,
-) -> Verdict:
-    """Return what the pixels about a fitted limb say of it.
+) -> Refusal | None:
+    """Return why the pixels about a predicted limb do not bear it out, if they do not.
 
     ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
     may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals;
@@ -508,9 +438,12 @@ def examined(
     own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px)) / scale
 
     def tests() -> Iterator[Test]:
+        due = due_pieces(view, seen, pose.nadir_cam, observation)
         yield _lost(view, seen, due, observation.full_scale)
-        yield _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
+        other_px = second_edge(image, view, seen, due, (high - low) / view.pixel_m)
+        if other_px is not None:
+            yield Outcome.AMBIGUOUS, f"a second edge runs along the limb, {other_px:.0f} px inside of it"
         if by_pixels:
             # Air is no exponential: its edge is wider than the lens by up to the scale height.
             air_px = prior.limb_scale_height_m / view.pixel_m
@@ -518,26 +451,13 @@ def examined(
                 air_px = max(air_px, CLOUDY_BLUR_PX / scale)
             yield _blurred(seen, lens, own_px, scale, air_px)
             yield _torn(view, seen)
-        if np.mean(disturbed) > MOST_LOST:
-            yield Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed"
 
     try:
         view = limb_view(image, camera, pose, axes, high / pixel_m)
         seen = seen_edge(view, own_px, prior.limb_scale_height_m, prior.limb_scale_height_sigma_m, between)
     except np.linalg.LinAlgError as e:
-        reason = f"the limb that the claim predicts: {e}"
-        return Verdict(Refusal(Outcome.NOT_CONVERGED, reason, points), np.zeros((0, 2)))
-    due = due_pieces(view, seen, pose.nadir_cam, observation)
-    known = [*reliefs(observation.band_kind, prior.limb_relief_m)]
-    if prior.limb_relief_m is None:
-        known.append(CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL)
-    relief_px = float(np.linalg.norm([one.sigma_m for one in known])) / view.pixel_m
-    disturbed = disturbed_pieces(seen, due, float(np.hypot(relief_px, uneven_px / scale)))
-    refusal = next((Refusal(*test, points) for test in tests() if test is not None), None)
-    # What stands before the limb rarely ends with a piece.
-    hidden = maximum_filter1d(disturbed, 3, mode="nearest")
-    borders = view.azimuth + view.first_rad
-    return Verdict(refusal, np.column_stack([borders[:-1], borders[1:]])[hidden])
+        return Refusal(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}", points)
+    return next((Refusal(*test, points) for test in tests() if test is not None), None)
 
 
 Test = tuple[Outcome, str] | None
@@ -555,20 +475,13 @@ def _lost(view: LimbView, seen: SeenEdge, due: BoolArray, full_scale: float | No
         x = view.x - seen.place_px
         inside = (x > 0.5) & (x < 0.5 * INSIDE_PX)
         full = (inside & (view.values >= full_scale)).sum(axis=1) > 0.5 * inside.sum(axis=1)
-        if np.mean(full) > MOST_LOST:
+        if np.mean(full) > 0.5:
             return Outcome.SATURATED, f"{np.mean(full):.0%} of the limb is saturated"
     count, shown = np.count_nonzero(due), np.count_nonzero(due & seen.shown)
     # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
     if shown and not shown < _needed(count) <= count:
         return None
     return Outcome.NO_LIMB, f"{shown} of {count} pieces of the predicted limb show an edge; {_needed(count)} are needed"
-
-
-def _rival(rival: BoolArray, due: BoolArray) -> Test:
-    count, shown = np.count_nonzero(due), np.count_nonzero(rival & due)
-    if shown < _needed(count):
-        return None
-    return Outcome.AMBIGUOUS, f"{shown} of {count} pieces show a second limb beside the first"
 
 
 def _misplaced(
@@ -581,9 +494,9 @@ def _misplaced(
     """Test whether the edge lies where air may be, and is as even as clouds and terminator."""
     if not between_px[0] < seen.place_px < between_px[1]:
         return Outcome.AMBIGUOUS, f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
-    # A body before a few pieces is left out of a second fit.
     off, sigmas = np.sort(seen.off_px[due & seen.shown]), seen.off_sigmas[due & seen.shown]
-    few = int(FEW_PIECES * (len(off) - 1))
+    # A body or a boom may hide a tenth of the pieces to either side.
+    few = int(0.1 * (len(off) - 1))
     far = float(off[-1 - few] - off[few]) - SIGMAS * median(sigmas)
     if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
         return None
@@ -609,21 +522,6 @@ def _torn(view: LimbView, seen: SeenEdge) -> Test:
     return None
 
 
-def without_azimuths(
-    image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, azimuths: FloatArray, air_px: float
-) -> FloatArray:
-    """Return an image (H, W) with NaN about the limb at ranges of azimuth (k, 2) about the nadir [rad]."""
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_RIVAL_PX + air_px, FARTHEST_RIVAL_PX)
-    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
-    azimuth = np.arctan2(across[1], across[0])
-    hidden = np.zeros(len(azimuth), dtype=bool)
-    for first, last in azimuths:
-        hidden |= np.mod(azimuth - first, 2.0 * np.pi) <= last - first
-    image = np.array(image, dtype=np.float64)
-    image[near.rows[hidden], near.columns[hidden]] = np.nan
-    return image
-
-
 def without_lost_lines(image: FloatArray) -> FloatArray:
     """Return an image (H, W) with NaN in rows and columns that a readout has lost: of one value, or copied.
 
@@ -639,20 +537,50 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
 
 
 def _lost_lines(lines: FloatArray) -> BoolArray:
-    """Return which rows of an array are lost."""
+    """Return which rows of an array are lost: of one value or copied, and unlike what is about them."""
+    usual = np.median(lines, axis=1)
+    # Black space is of one value too; most of its neighbours then have that value, and most of a copied line has it.
     even = lines.min(axis=1) == lines.max(axis=1)
-    same = np.zeros(len(lines), dtype=bool)
-    same[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
-    # Black space with a hot column is the same everywhere, too.
-    for row in np.flatnonzero(same):
-        same[row] = float(np.mean(lines[row] == np.median(lines[row]))) < 0.5
-    lost = same
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2):
-        # At the image's border it is space, which nothing tells from loss.
+    copied = np.zeros(len(lines), dtype=bool)
+    copied[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
+    copied &= np.mean(lines == usual[:, None], axis=1) < 0.5
+    lost = copied
+    for first, last in np.flatnonzero(np.diff(np.pad(even, 1).astype(np.int8))).reshape(-1, 2):
+        # At the image's border nothing tells space from loss.
         inside = first > 0 and last < len(lines)
-        lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
+        lost[first:last] = inside and (np.mean(lines[[first - 1, last]] == lines[first, 0], axis=1) < 0.5).all()
     return lost
+
+
+class Found(Protocol):
+    """What a fit of the limb gives.
+
+    ``covariance``, ``relief_covariance``: shape (7, 7), of a step of the pose, and the part of the limb's relief;
+    ``uv``: shape (k, 2); ``uneven_px``: by how much it has the limb depart from that of a planet.
+    """
+
+    @property
+    def pose(self) -> LimbPose: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+    @property
+    def relief_covariance(self) -> FloatArray: ...
+    @property
+    def uv(self) -> FloatArray: ...
+    @property
+    def uneven_px(self) -> float: ...
+
+
+class Known(Protocol):
+    """A prior pose and the information about a step from it, shape (7, 7)."""
+
+    @property
+    def mean(self) -> LimbPose: ...
+    @property
+    def information(self) -> FloatArray: ...
+
+
+F = TypeVar("F", bound=Found)
 
 
 def pulled(
@@ -670,9 +598,10 @@ def pulled(
     has the distribution of chi-squared. An improbable departure widens the claim by what the prior makes of the pose,
     ``p d / (1 - p)``, as if it were as wrong as the image says.
     """
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T) / _sizes(information))
+    size = np.sqrt(np.diag(information)).clip(1e-300)
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T) / np.outer(size, size))
     free = values > 1e-12 * values[-1]
-    root = (vectors[:, free] * np.sqrt(values[free])).T * np.sqrt(np.diag(information)).clip(1e-300)
+    root = (vectors[:, free] * np.sqrt(values[free])).T * size
     left, axes = np.linalg.eigh(root @ covariance @ root.T)
     # What scatters beyond chance has widened the covariance, that of unseen directions beyond their prior: a prior that
     # is wrong is no reason to know less of it.
@@ -681,7 +610,8 @@ def pulled(
     learnt = 1.0 - left
     off = axes.T @ (root @ -pose.step_to(mean))
     square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
-    seen = left < MOST_LEFT
+    # Where the image determines more than the prior the two must agree, since nothing would widen the claim.
+    seen = left < 0.5
     total = float(square[seen].sum())
     if seen.any() and total > float(chdtri(np.count_nonzero(seen), CHANCE)):
         sigmas = float(np.sqrt(total))
@@ -696,26 +626,20 @@ def pulled(
     return added
 
 
-def _sizes(information: FloatArray) -> FloatArray:
-    size = np.sqrt(np.diag(information)).clip(1e-300)
-    return np.outer(size, size)
+def agreeing(
+    found: F, known: Known, least_learnt: float = LEAST_LEARNT, plain: FloatArray | None = None
+) -> F | Refusal:
+    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`.
 
-
-class Found(Protocol):
-    """What a fit of the limb gives; ``covariance``: shape (7, 7), of a step of the pose; ``uv``: shape (k, 2);
-    ``uneven_px``: by how much it has the limb depart from that of a planet."""
-
-    @property
-    def pose(self) -> LimbPose: ...
-    @property
-    def covariance(self) -> FloatArray: ...
-    @property
-    def uv(self) -> FloatArray: ...
-    @property
-    def uneven_px(self) -> float: ...
-
-
-F = TypeVar("F", bound=Found)
+    ``plain``: shape (7, 7), covariance of the fit's equations alone, where scatter has widened the fit's.
+    """
+    wrong = pulled(
+        found.pose, found.covariance if plain is None else plain, known.mean, known.information, found.uv, least_learnt
+    )
+    if isinstance(wrong, Refusal):
+        return wrong
+    relief = found.relief_covariance + wrong
+    return replace(found, covariance=found.covariance + wrong, relief_covariance=relief)  # type: ignore[type-var]
 
 
 def guarded_fit(
@@ -726,31 +650,16 @@ def guarded_fit(
     *,
     in_air: bool,
 ) -> F | Refusal:
-    """Return the fit of an image (H, W) with the disturbed pieces of the limb left out, or why it is not believed.
+    """Return the fit of an image (H, W) without its lost lines, or why it is not believed.
 
     ``fit``: of an image with NaN where it has no pixels; others as for :func:`examined`.
     """
     image = without_lost_lines(image)
-
-    def looked_at(found: F) -> Verdict:
-        uneven_px = found.uneven_px
-        return examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv, uneven_px=uneven_px)
-
     found = fit(image)
-    seen = looked_at(found)
-    if seen.refusal is None and len(seen.disturbed):
-        high = limb_height_m(observation.band_kind)[1] if in_air else 0.0
-        pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, float(ellipsoid.axes_m[0]))
-        image = without_azimuths(
-            image, observation.camera, found.pose, ellipsoid.axes_m, seen.disturbed, high / pixel_m
-        )
-        found = fit(image)
-        seen = looked_at(found)
-        # The unlit part of a disc shows no limb, and its fit allows for that.
-        if seen.refusal is None and len(seen.disturbed) and found.uneven_px == 0.0:
-            reason = f"{len(seen.disturbed)} pieces of the limb lie away from their neighbours"
-            return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
-    return found if seen.refusal is None else seen.refusal
+    refusal = examined(
+        image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv, uneven_px=found.uneven_px
+    )
+    return found if refusal is None else refusal
 
 
 def heads_refused(
@@ -766,36 +675,20 @@ def heads_refused(
         pose = found.pose.of_camera(Rotation.from_quat(head.q_cam_from_body).as_matrix())
         image = without_lost_lines(image)
         points = np.empty((0, 2))
-        seen = examined(image, head, pose, ellipsoid, in_air=in_air, points=points, uneven_px=found.uneven_px)
-        if seen.refusal is not None:
-            refused[name] = seen.refusal.of_head(name)
+        refusal = examined(image, head, pose, ellipsoid, in_air=in_air, points=points, uneven_px=found.uneven_px)
+        if refusal is not None:
+            refused[name] = refusal.of_head(name)
     return refused
 
 
-def accepted(run: Callable[[Observation], Fit | Refusal]) -> Callable[[Observation], Fit | Refusal]:
-    """Return a method that refuses what it knows less well than is accepted (``Prior.accept_rad``)."""
-    return partial(_accepted, run)
-
-
-def _accepted(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
-    found = run(observation)
+def accepted(found: Fit | Refusal, largest_rad: float) -> Fit | Refusal:
+    """Return an answer, or refuse one that does not determine the nadir to a standard deviation in its worst way."""
     if isinstance(found, Refusal):
         return found
-    refusal = too_wide(found, observation.prior.accept_rad)
-    return found if refusal is None else refusal
-
-
-def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
-    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
-    basis = tangent_basis(np.asarray(fit.nadir_cam))
-    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    reason = too_uncertain(sigma, largest_rad)
-    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
-
-
-def too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
-    """Return in words that a standard deviation of the nadir is larger than what is accepted, or None."""
-    if sigma_rad <= largest_rad:
-        return None
-    accepted_deg = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
-    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted_deg}"
+    basis = tangent_basis(np.asarray(found.nadir_cam))
+    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ found.total_covariance_nadir_cam @ basis)[-1]))
+    if sigma <= largest_rad:
+        return found
+    known_deg, accepted_deg = np.degrees(sigma), np.degrees(largest_rad)
+    reason = f"the method determines the nadir to {known_deg:.2f} deg, {accepted_deg:.2g} deg are accepted"
+    return Refusal(Outcome.SHORT_ARC, f"{reason} (prior: accept_deg)", found.points)

@@ -21,7 +21,9 @@ parabola refines both.
 
 **Tables of heights** (:class:`HeightGrid`). Heights are tabulated by pixel size or blur and the two axes of the
 profiles. In :class:`BandHeights` a mode changes the height by half of the difference between one standard deviation
-above the mean and one below. The residual of the edge adds a variance: the profile is no exponential.
+above the mean and one below. Whether a scene has clouds is a binary variable: the height is the middle of both cases,
+with half of their distance as standard deviation. The residual of the edge adds a variance: the profile is no
+exponential.
 
 **Height along the arc**: the mean, plus independent modes that vary along the limb with the correlation above. The
 error of a Sun sensor is two more patterns; without a Sun direction every Sun that lights the whole arc is equally
@@ -52,7 +54,7 @@ from horizonval.estimation.fit.light import (
     edge_profile,
     light_basis,
 )
-from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import CLOUDED, MONTHS, LimbTemplates, shipped_templates
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
@@ -128,23 +130,26 @@ def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
 
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 """Zenith angles of the Sun; beyond the last there is too little radiance."""
-CLOUDED = 0.75
-"""Share of scenes with clouds in the ensemble of the shipped tables (:mod:`horizonval.tables.sunlit`)."""
 FAINTEST = 0.05
 """Smallest share of the mean profile that modes leave: a profile stays positive, and its logarithm finite."""
 
 
 def without_clouds(table: LimbTemplates) -> FloatArray:
-    """Return the profiles of scenes without clouds in a sunlit band, shape (A, B, h).
-
-    Clouds are bright under a high Sun; their modes have one sign everywhere.
-    """
+    """Return the profiles of scenes without clouds, shape (A, B, h)."""
     clear = table.mean
     for mode, kind in zip(np.moveaxis(table.modes, 2, 0), table.mode_kinds, strict=True):
         if kind == "scene":
-            sign = 1.0 if mode[0].sum() > 0.0 else -1.0
-            clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
+            clear = clear - math.sqrt(CLOUDED / (1.0 - CLOUDED)) * _with_clouds(table, mode)
     return np.asarray(np.maximum(clear, FAINTEST * table.mean))
+
+
+def _with_clouds(table: LimbTemplates, mode: FloatArray) -> FloatArray:
+    """Return a mode (A, B, h) of the presence of clouds, with the sign that means presence.
+
+    Clouds are bright under a high Sun and cold in the infrared. Modes have one sign everywhere.
+    """
+    below = mode[0][..., table.height_m < 0.0].sum()
+    return mode if (below > 0.0) == (table.band_kind == "solar") else -mode
 
 
 def seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> FloatArray:
@@ -309,10 +314,12 @@ class BandHeights:
         axes, (heights, misfit) = heights_on_grid(table, _states(table), pixels_m, edge)
         heights, misfit = np.moveaxis(heights, 1, 0), misfit[:, 0]
         changes = 0.5 * (heights[1::2] - heights[2::2])
+        scenes = np.array(table.mode_kinds) == "scene"
+        middle = heights[0] + (0.5 * (heights[1::2] + heights[2::2]) - heights[0])[scenes].sum(axis=0)
         # Five pixels per misfit relative to the step: of a residual like the edge's slope, half a step per pixel over
         # three of the twenty fitted pixels.
         open_m = 5.0 * misfit * pixels_m[:, None, None]
-        self._grid = HeightGrid(pixels_m, axes, np.concatenate([heights[:1], changes, open_m[None]]))
+        self._grid = HeightGrid(pixels_m, axes, np.concatenate([middle[None], changes, open_m[None]]))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
         self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
@@ -343,9 +350,14 @@ def band_heights(
 
 def _states(table: LimbTemplates) -> FloatArray:
     """Return the mean profiles, and those of each mode more and less, shape (1 + 2 k, A, B, h)."""
-    modes = np.moveaxis(table.modes, 2, 0)
-    changed = np.stack([table.mean + modes, table.mean - modes], axis=1).reshape(-1, *table.mean.shape)
-    return np.maximum(np.concatenate([table.mean[None], changed]), FAINTEST * table.mean)
+    states = [table.mean]
+    for mode, kind in zip(np.moveaxis(table.modes, 2, 0), table.mode_kinds, strict=True):
+        more = less = 1.0
+        if kind == "scene":
+            mode, odds = _with_clouds(table, mode), math.sqrt(CLOUDED / (1.0 - CLOUDED))
+            more, less = 1.0 / odds, odds
+        states += [table.mean + more * mode, table.mean - less * mode]
+    return np.maximum(np.stack(states), FAINTEST * table.mean)
 
 
 SUN_SIGMA_RAD = math.radians(0.5)

@@ -45,13 +45,9 @@ class Linear(Protocol):
     """
 
     exact: ClassVar[bool]
-
-    @property
-    def shared(self) -> FloatArray: ...
-    @property
-    def mixed(self) -> FloatArray: ...
-    @property
-    def air(self) -> FloatArray: ...
+    shared: FloatArray
+    mixed: FloatArray
+    air: FloatArray
 
     def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides, shapes (s,) and (k,), at another look."""
@@ -93,7 +89,7 @@ class ImageModel(Protocol):
         ``weights``: inverse variances (n,) so far, by which the model eliminates what it does not leave to the bundle.
         """
 
-    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any) -> PixelNoise:
         """Return the variance model of the pixels, estimated from their residuals."""
 
     def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> Linear:
@@ -114,14 +110,12 @@ class Chosen:
     """Pixels chosen near the limb at a state.
 
     ``models``: of every image; ``columns``: indices of each image's unknowns among those of the air; ``state``: the
-    same unknowns, the air's on the models' nodes; ``noises``: variance models of the pixels where they are known from
-    before.
+    same unknowns, the air's on the models' nodes.
     """
 
     models: Sequence[ImageModel]
     columns: Sequence[NDArray[np.intp]]
     state: ShotState
-    noises: Sequence[PixelNoise | None]
 
 
 class Chooser(Protocol):
@@ -134,5 +128,5 @@ class Chooser(Protocol):
 
         ``lens``: shape (4,), errors of the lens; ``most``: for a first part of the way, about so many pixels per image,
         or fewer unknowns; ``tighter``: factor on the priors' information on the blur; ``before``: the choice so far,
-        whose air and noise serve where the state is near. Raises ``LinAlgError``: too little limb in view.
+        whose air serves where the state is near. Raises ``LinAlgError``: too little limb in view.
         """

@@ -30,6 +30,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import Relief, limb_height_m, reliefs
 from horizonval.estimation.fit.heights import BLUR_PX, SUN_SIGMA_RAD, LimbHeights, UnevenLimb, band_heights
 from horizonval.estimation.fit.image import LENS
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
@@ -40,57 +41,22 @@ from horizonval.geometry.horizon import fit_cone
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
-FIXED_ANGLE_RAD = 1e-6
-"""Standard deviation of an angle that is no unknown: below what an image shows, above rounding."""
-
-
-@dataclass(frozen=True)
-class Sliver:
-    """The unlit part of a disc: at the angle ``a`` from the darkest point of the limb the terminator lies ``depth cos^2
-    a`` inside of it, on that half of the disc.
-
-    ``darkest``: shape (3,), direction from the nadir to that point, in the axes of the knowledge; ``depth_px``: mean,
-    and as much for its standard deviation.
-    """
-
-    darkest: FloatArray
-    depth_px: float
 
 
 @dataclass(frozen=True)
 class LimbKnowledge:
-    """What is known beside the image.
+    """What is known of a limb besides its image.
 
-    Attributes
-    ----------
-    ellipsoid : Ellipsoid
-        Of the planet without air.
-    mean : LimbPose
-        The priors' values.
-    information : ndarray, shape (7, 7)
-        Inverse covariance about ``mean`` of a step from it: rotation vector in camera axes [rad], position [m], limb
-        height [m].
-    blur_px : float
-        Of the lens, standard deviation.
-    blur_log_sigma : float
-        Of its logarithm.
-    scale_height_m, scale_sigma_m : float
-        Of the soft limb; both 0 for a hard one.
-    reliefs : tuple of Relief
-        How the height of the limb varies along it.
-    flattened_m : float
-        Flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
-    uneven : LimbHeights, optional
-        How the height of the limb varies along it, in place of the reliefs.
-    middle_sigma_m : float
-        Of the height in which the limb's light has its middle, that of the edge and the scale height together, of which
-        ``mean`` and ``scale_height_m`` are the sum: where pixels are larger than the air is deep, no more is seen of
-        the two. Infinite where only each of them is known.
-    lens_sigmas : ndarray, shape (4,)
-        Of errors of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for
-        what is exact.
-    sliver : Sliver, optional
-        What of a whole disc the Sun may not light.
+    ``ellipsoid``: of the planet without air; ``mean``: the priors' values; ``information``: shape (7, 7), inverse
+    covariance about ``mean`` of a step from it (rotation vector in camera axes [rad], position [m], limb height [m]).
+    ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation of its logarithm; ``scale_height_m``,
+    ``scale_sigma_m``: of the soft limb, both 0 for a hard one.
+
+    ``reliefs``: how the height of the limb varies along it; ``uneven``: the same from tables of the band, in place of
+    the reliefs; ``flattened_m``: flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
+    ``middle_sigma_m``: of the height of the limb and the scale height together. Where pixels are larger than the air is
+    deep, no more is seen of the two. Infinite where only each of them is known. ``lens_sigmas``: shape (4,), of errors
+    of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for what is exact.
     """
 
     ellipsoid: Ellipsoid
@@ -105,7 +71,16 @@ class LimbKnowledge:
     uneven: LimbHeights | None = None
     middle_sigma_m: float = np.inf
     lens_sigmas: FloatArray = field(default_factory=lambda: np.zeros(LENS))
-    sliver: Sliver | None = None
+
+    @property
+    def soft(self) -> bool:
+        """Whether the limb may be soft."""
+        return self.scale_height_m > 0.0 or self.scale_sigma_m > 0.0
+
+    @property
+    def own(self) -> FloatArray:
+        """Own unknowns of an image at the prior's values, ln blur and scale height, shape (2,)."""
+        return np.array([0.5 * np.log(self.blur_px**2 + PIXEL_VARIANCE), self.scale_height_m])
 
     def in_wider_pixels(self, scale: int) -> LimbKnowledge:
         """Return what is known of the same limb in pixels ``scale`` times as wide."""
@@ -131,24 +106,42 @@ def sphere_knowledge(
     along = np.outer(n, n)
     across = np.eye(3) - along
     information = np.zeros((7, 7))
-    information[:3, :3] = along / FIXED_ANGLE_RAD**2
+    # A milliradian about the nadir: two tilts together make a turn, too.
+    information[:3, :3] = along / 1e-3**2
     information[3:6, 3:6] = across / FIXED_LENGTH_M**2 + along / max(altitude_sigma_m, FIXED_LENGTH_M) ** 2
     information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
     pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
-    return Ellipsoid(radius_m, radius_m), pose, information
+    return sphere(radius_m), pose, information
 
 
-def tilted_to(
-    mean: LimbPose, information: FloatArray, nadir_cam: FloatArray, sigma_rad: float
-) -> tuple[LimbPose, FloatArray]:
-    """Return pose and information of a sphere fit (:func:`sphere_knowledge`) with a rough direction of the nadir.
+def sphere_start(
+    observation: Observation, los: FloatArray, *, in_body_axes: bool = False
+) -> tuple[LimbPose, LimbKnowledge]:
+    """Return start and knowledge of a sphere fit by points of the limb, unit lines of sight (n, 3).
 
-    ``nadir_cam``: shape (3,), unit vector, right to ``sigma_rad`` in each of two directions across it.
+    Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
+    altitude the limb is taken for the sphere. A rough direction of the nadir is a prior of the tilts. Raises
+    ``LinAlgError``: no cone of a planet's limb.
     """
-    mean = turned_to(mean, -nadir_cam * np.linalg.norm(mean.r_itrs))
-    information = information.copy()
-    information[:3, :3] += (np.eye(3) - np.outer(nadir_cam, nadir_cam)) / sigma_rad**2
-    return mean, information
+    prior = observation.prior
+    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
+    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
+    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
+    r = position_from_limb(los, np.eye(3), sphere(radius + height))
+    altitude, sigma = float(np.linalg.norm(r)) - radius, np.inf
+    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
+    nadir = -r / np.linalg.norm(r)
+    planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
+    if prior.nadir_cam is not None and prior.rough_nadir is not None and not in_body_axes:
+        rough, sigma_rad = prior.rough_nadir
+        mean = turned_to(mean, -rough * np.linalg.norm(mean.r_itrs))
+        information[:3, :3] += (np.eye(3) - np.outer(rough, rough)) / sigma_rad**2
+    of_height = known and not in_body_axes
+    knowledge = knowledge_in_air(
+        observation, planet, mean, information, flattened, of_height=of_height, in_body_axes=in_body_axes
+    )
+    return LimbPose(np.eye(3), r, height), knowledge
 
 
 def placed_knowledge(
@@ -199,11 +192,6 @@ def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid
     if not (sin_rho > 0.0 and cone.cos_rho > 0.0):
         raise np.linalg.LinAlgError("the points determine no cone of a planet's limb")
     return np.asarray(-ellipsoid.axes_m * cone.axis_cam / sin_rho)
-
-
-MIDDLE_SIGMA_M = 1e3
-"""Standard deviation of the middle height of a known profile: sunlit limbs of one air scatter by 0.8 km, plus a
-margin."""
 
 
 def limb_height_prior(observation: Observation) -> tuple[float, float]:
@@ -269,9 +257,9 @@ def knowledge_in_air(
         reliefs=knowledge.reliefs,
         typical_m=mean.height_m if of_height and not given else None,
     )
-    # What bands show of the air's height is seen from above all of it.
+    # What bands show of the air's height is seen from above all of it. Sunlit limbs of one air scatter by 0.8 km.
     known = of_height and not given and altitude_in_air_m(prior) is None
-    return replace(knowledge, uneven=uneven, middle_sigma_m=MIDDLE_SIGMA_M if known else np.inf)
+    return replace(knowledge, uneven=uneven, middle_sigma_m=1e3 if known else np.inf)
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,10 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.air import KnownAir
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.fit.known import placed_knowledge
+from horizonval.estimation.fit.pixels import ray_height
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileKnowledge
-from horizonval.estimation.fit.profile_pixels import NoLimbError, ray_height
+from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.fit.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.picture import Picture, picture_of, pixel_directions
 from horizonval.estimation.observation import Lens, Observation

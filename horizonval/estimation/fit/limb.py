@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
-from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
+from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, sector_places
 from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS, POSE
 from horizonval.estimation.fit.known import LimbKnowledge
@@ -29,13 +29,15 @@ from horizonval.geometry.camera import CameraModel
 
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
-UNLIT = 3.0
-"""Largest depth of an unlit sliver, of its mean: two standard deviations above."""
-SCATTERED = 0.02
-"""Probability with which chance alone makes sectors scatter by what counts as more."""
-OPTIONS = SolverOptions(stages=(Stage(reselect_px=2.0, tolerance=0.1),), most_steps=60, frozen=0.1)
-"""Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
-height, where they are hard to tell apart, take many steps."""
+OPTIONS = SolverOptions(
+    stages=(Stage(tighter=900.0, tolerance=1.0, reselect_px=3.0), Stage(tolerance=0.1, reselect_px=1.0)),
+    most_steps=60,
+    frozen=0.1,
+)
+"""First blur and scale height are held to a thirtieth of their priors' standard deviations: a limb out of its place
+looks soft. The last stage chooses the pixels about a limb that is right to a standard deviation, so that the answer
+depends little on the start. Equations of the edge cost little more than a look at it: derivatives are frozen at the end
+only. Blur and scale height, where they are hard to tell apart, take many steps."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,10 @@ class LimbFit:
     ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
     excess scatter of the sectors and errors of the lens; ``relief_covariance``: its part of relief, scatter and lens.
     ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
-    and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
-    image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
-    ``levels`` (m,): the Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors;
-    ``uneven_px``: by how much an unlit sliver may have the limb depart from a circle.
-    ``steps``: shape (k, 7).
+    and on the Earth, in grey levels. ``uv`` (m, 2): a point on each sector's limb in the first image [px];
+    ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief; ``levels`` (m,): the
+    Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors; ``uneven_px``: by how much an
+    unlit sliver may have the limb depart from a circle. ``steps``: shape (k, 7).
     """
 
     pose: LimbPose
@@ -58,7 +59,6 @@ class LimbFit:
     covariance: FloatArray
     relief_covariance: FloatArray
     noise_sigma: tuple[float, float]
-    pixels: int
     uv: FloatArray
     residuals_rad: FloatArray
     levels: FloatArray
@@ -107,7 +107,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     turn[:3, :3] = first.cam_from_body
     covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
     # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
-    ratio = scatter(places)
+    ratio = scatter(np.concatenate([one.squares for one in places]), state.air)
     beyond = (ratio - 1.0) * covariance
     # An error of the lens is the same in every picture of the camera.
     by_lens = turn @ found.by_shared[:POSE, :LENS]
@@ -120,30 +120,24 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         covariance=covariance + beyond,
         relief_covariance=covariance - turn @ found.known[:POSE, :POSE] @ turn.T + beyond,
         noise_sigma=(float(np.sqrt(space)), float(np.sqrt(earth))),
-        pixels=sum(int(model.pixels.counts.sum()) for model in models),
         uv=places[0].uv,
         residuals_rad=places[0].off_rad,
         levels=places[0].levels,
         scatter=ratio,
-        uneven_px=0.0 if knowledge.sliver is None else UNLIT * knowledge.sliver.depth_px,
+        uneven_px=0.0,
         steps=solution.steps[0],
     )
 
 
-def scatter(places: Sequence[SectorPlaces]) -> float:
+def scatter(squares: FloatArray, air: FloatArray) -> float:
     """Return chi-squared per degree of freedom of the sectors' positions, of all images.
 
-    Expected are noise and relief with their correlation along the limb. The result is 1 if chance explains the scatter;
-    beyond, it is increased by the uncertainty of so few sectors.
+    ``squares``: of what noise makes of them; ``air``: the relief's unknowns, which have a unit normal prior. The result
+    is 1 if chance makes as much in more than a fiftieth of limbs; beyond, it is increased by the uncertainty of so few
+    sectors: that of Student's distribution.
     """
-    off = np.concatenate([one.off_rad for one in places])
-    information = np.concatenate([one.information for one in places])
-    relief = np.concatenate([one.relief for one in places], axis=1)
-    seen = information > 0.0
-    free = int(seen.sum()) - FITTED
+    free = int(np.isfinite(squares).sum()) - FITTED
     if free < 1:
         return 1.0
-    covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
-    ratio = float(off[seen] @ np.linalg.solve(covariance, off[seen])) / free
-    # A variance of so few is not known well: that of Student's distribution.
-    return ratio * free / max(free - 2, 1) if ratio * free > chdtri(free, SCATTERED) else 1.0
+    square = float(np.nansum(squares)) + float(air @ air)
+    return square / max(free - 2, 1) if square > chdtri(free, 0.02) else 1.0

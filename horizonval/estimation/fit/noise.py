@@ -69,11 +69,8 @@ class PixelNoise:
 
 WEIGHINGS = 3
 """Rounds in which weights and variances agree, each to a tenth of the round before."""
-DARK_LEVEL, BRIGHT_LEVEL = 0.05, 0.5
-"""Shares of the brightest level below and above which pixels give a first guess of the noise of space and Earth."""
-FEWEST_PIXELS = 20
-"""Smallest number of pixels for a variance, which they give to a third."""
-NORMAL_QUARTILE = 0.67448975
+
+NORMAL_QUARTILE = float(ndtri(0.75))
 """Median of the absolute value of a unit normal."""
 
 
@@ -90,10 +87,10 @@ def variance_of(
     ``level``: shape (n,), predicted, of which the first component is a multiple; ``parts``: shape (k, n), the other
     components, all of any scale; ``least``: smallest variance (rounding, neglected parts of a prediction).
     """
-    brightest = max(float(level.max()), 1e-300)
-    level = np.clip(level / brightest, 0.0, 1.0)
+    level = np.clip(level / max(float(level.max()), 1e-300), 0.0, 1.0)
     squares = residuals**2
-    dark, bright = (mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    # Of these shares of the brightest level pixels give a first guess of the noise of space and Earth.
+    dark, bright = (mean_square(squares[there], squares) for there in (level < 0.05, level > 0.5))
     components = np.concatenate([level[None], parts])
     components /= np.maximum(components.max(axis=1), 1e-300)[:, None]
     variance = np.maximum(dark + max(bright - dark, 0.0) * level, least)
@@ -105,7 +102,8 @@ def variance_of(
 
 def mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
     """Return the mean of squared residuals with the weights of their own distribution."""
-    some = squares if len(squares) > FEWEST_PIXELS else otherwise
+    # Twenty pixels give a variance to a third.
+    some = squares if len(squares) > 20 else otherwise
     mean = float(np.median(some)) / NORMAL_QUARTILE**2
     if not mean > 0.0:
         mean = float(np.mean(some))
@@ -126,14 +124,6 @@ def _components(squares: FloatArray, variance: FloatArray, parts: FloatArray) ->
     return np.asarray(nnls(root.T, np.linalg.solve(root, pull / size))[0] / size)
 
 
-SQUARES_PX = (4, 8, 16, 32)
-"""Sides of the squares over which residuals are summed, in spacings of the pixels: scales of clouds and of charge
-spread."""
-LEAST_COMMON, SURELY_COMMON = 1.1, 1.3
-"""Range of the factor in which correlation comes to count; independent residuals have 1.0 to 1.1. A ramp, since a step
-would displace the nadir."""
-
-
 def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spacing_px: float) -> float:
     """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
@@ -141,23 +131,15 @@ def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spa
     the one at which the ratio is largest.
     """
     most = 1.0
-    for side in SQUARES_PX:
+    for side in (4, 8, 16, 32):
         column, row = ((part / (side * spacing_px)).astype(np.intp) for part in (columns, rows))
         square = row * (int(column.max()) + 1) + column
         sums, count = np.bincount(square, in_sigmas), np.bincount(square)
         full = count > side
         most = max(most, float(np.sum(sums[full] ** 2) / max(float(np.sum(count[full])), 1.0)))
-    counts = float(np.clip((most - LEAST_COMMON) / (SURELY_COMMON - LEAST_COMMON), 0.0, 1.0))
+    # Independent residuals have 1.0 to 1.1. A ramp, since a step would displace the nadir.
+    counts = float(np.clip((most - 1.1) / 0.2, 0.0, 1.0))
     return 1.0 + counts * (most - 1.0)
-
-
-LEAST_SHARE = 0.01
-"""Smallest share of dark pixels at the floor, and above it: fewer lose nothing, and determine nothing."""
-FEWEST = 50
-"""Dark pixels: the share is then known to a seventh, and so the noise."""
-ROUNDS = 20
-HALF_STEP = 0.5
-"""Half a grey level: the floor includes values up to the middle of the next level."""
 
 
 @dataclass(frozen=True)
@@ -183,16 +165,19 @@ class Floor:
 
 def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
     """Return the floor of pixels (n,) that see space, None if it clips no noise; ``lowest``: of the image."""
-    if len(dark) < FEWEST:
+    # Fifty pixels give the share, and so the noise, to a seventh.
+    if len(dark) < 50:
         return None
     share = float(np.mean(dark <= lowest))
     mean = float(np.mean(dark)) - lowest
-    if not (LEAST_SHARE < share < 1.0 - LEAST_SHARE and mean > 0.0):
+    # A hundredth of the pixels at the floor, or above it, loses nothing, and determines nothing.
+    if not (0.01 < share < 0.99 and mean > 0.0):
         return None
-    below, sigma = float(ndtri(share)), mean
-    for _ in range(ROUNDS):
-        z = HALF_STEP / sigma - below
+    # The floor includes values up to the middle of the next grey level.
+    half_step, below, sigma = 0.5, float(ndtri(share)), mean
+    for _ in range(20):
+        z = half_step / sigma - below
         sigma = mean / float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) + z * ndtr(z))
-    if not (np.isfinite(sigma) and sigma > HALF_STEP):
+    if not (np.isfinite(sigma) and sigma > half_step):
         return None
-    return Floor(lowest, sigma, HALF_STEP - below * sigma)
+    return Floor(lowest, sigma, half_step - below * sigma)

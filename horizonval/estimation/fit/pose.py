@@ -42,6 +42,21 @@ class LimbPose:
         turn = rotation_vector(other.cam_from_itrs @ self.cam_from_itrs.T)
         return np.concatenate([turn, other.r_itrs - self.r_itrs, [other.height_m - self.height_m]])
 
+    def way_to(self, other: LimbPose) -> FloatArray:
+        """Return the step to another pose, its turn as a tilt after a turn about the nadir, which add as vectors."""
+        way, nadir = self.step_to(other), self.nadir_cam
+        angle = float(np.linalg.norm(way[:3]))
+        if angle > 0.0:
+            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
+            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
+            along = float(part @ nadir)
+            size = np.hypot(rest, along)
+            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
+            sine = max(float(np.linalg.norm(swing)), 1e-300)
+            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
+            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
+        return way
+
     def of_camera(self, cam_from_body: FloatArray) -> LimbPose:
         """Return the pose of a camera, of a body's pose; ``cam_from_body``: shape (3, 3)."""
         return LimbPose(cam_from_body @ self.cam_from_itrs, self.r_itrs, self.height_m)

@@ -45,15 +45,9 @@ from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfil
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ImageModel, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
+from horizonval.estimation.fit.pixels import level_distance, with_errors
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile_pixels import (
-    AXIS_CAM,
-    NoLimbError,
-    ProfilePixels,
-    level_distance,
-    profile_pixels,
-)
-from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.fit.profile_pixels import NoLimbError, ProfilePixels, profile_pixels
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.estimation.prior import MEAN_RADIUS_M
@@ -157,23 +151,14 @@ class ProfileModel:
         reach = REACH_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
         # Half of it beyond the table is too little to see of it.
         rim = 0.5 * reach
-        bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
-        top = high + max(rim, 4.0 * pixel_m) + pose.height_m
+        bottom, top = -1.5 * DEPTH_PX * pixel_m, high + max(rim, 4.0 * pixel_m)
         self.curve = curve = 0.5 * axes[0] / to_limb_2
-        near = profile_pixels(
-            image,
-            camera,
-            pose,
-            knowledge.ellipsoid,
-            (bottom, top),
-            high + rim + pose.height_m,
-            curve,
-            None if before is None else before.near.nodes,
-        )
+        nodes = None if before is None else before.near.nodes
+        near = profile_pixels(image, camera, pose, lens, knowledge.ellipsoid, (bottom, top), high + rim, nodes)
         self.near: ProfilePixels = near
-        ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
+        ends, _ = level_distance(np.array([bottom, top]), curve)
         self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
-        off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
+        off_axis = off_axis_angle(near.nodes.los_cam, np.array([0.0, 0.0, 1.0]))
         if before is None:
             # A twentieth of the air's scale height, or a seventh of the blur: the nadir moves by up to 0.03 of its
             # sigma, with 8 steps a pixel by up to 0.7, since sampled lenses show waves of half a pixel.
@@ -245,7 +230,7 @@ class ProfileModel:
         """Return the pixels as predicted; ``weights`` are not needed."""
         at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own[:GAIN], air])
         if self._last is None or not np.array_equal(self._last[0], at):
-            self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
+            self._last = at, self._look(*self.near.moved(pose, lens), own, air)
         look = self._last[1]
         shown = own[BACKGROUND] + float(np.exp(own[GAIN])) * self.near.light * look.level
         kept = np.ones_like(shown)
@@ -253,36 +238,11 @@ class ProfileModel:
             shown, kept = self.floor.expected(shown)
         return replace(look, own=own, kept=kept, residuals=self.near.values - shown)
 
-    def away(self, pose: LimbPose) -> FloatArray:
-        """Return the way to a pose, shape (7,), along which distances across the limb are linear.
-
-        The turn is a tilt after a turn about the nadir, which moves the limb little, however far it is.
-        """
-        way, nadir = self.pose.step_to(pose), self.pose.nadir_cam
-        angle = float(np.linalg.norm(way[:3]))
-        if angle > 0.0:
-            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
-            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
-            along = float(part @ nadir)
-            size = np.hypot(rest, along)
-            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
-            sine = max(float(np.linalg.norm(swing)), 1e-300)
-            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
-            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
-        return way
-
-    def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+    def _look(self, across: FloatArray, by_turn: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
         """Return the radiance of the pixels, without gain and background."""
         near, air = self.near, self.air
         blur, sharpness = float(np.exp(own[BLUR])), float(own[SHARPNESS])
-        across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
-        # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
-        nadir = self.pose.nadir_cam
-        tilt = away[:3] - nadir * (nadir @ away[:3])
-        after = np.eye(3) + 0.5 * np.cross(tilt, np.eye(3)) - 0.5 * np.outer(np.cross(tilt, nadir), nadir)
-        by_turn = after.T @ near.by_pose[:3]
-        if lens.any():
-            across = across + lens @ near.by_lens
+        across = across + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
         on_grid = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
         place = np.clip(on_grid.astype(np.intp), 1, size - 3)
@@ -311,7 +271,7 @@ class ProfileModel:
         dark[GAIN], dark[BACKGROUND] = np.log(gain), background if self.floor is None else self.floor.background
         return dark
 
-    def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: ProfileLook) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
         low, high = (self.air.left[near.sector, look.place + k] for k in (0, 1))
@@ -457,14 +417,12 @@ class ProfileChooser:
             if same_air and near_by is not None and near_by.motion_px(way) < NEAR_PX:
                 models.append(near_by.held(tighter))
                 continue
-            camera = one.camera
-            if lens.any():
-                camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
+            camera = with_errors(one.camera, lens)
             pose, blur_px = state.pose.of_camera(one.turn), float(np.exp(own[BLUR]))
             known = near_by if same_air else None
             models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, known))
         if before is not None and same_air:
-            return Chosen(models, before.columns, state, [None] * len(models))
+            return Chosen(models, before.columns, state)
         air = common_air([model.air for model in models], [one.table for one in self._images])
         for model, own_air in zip(models, air.images, strict=True):
             model.air = own_air
@@ -476,7 +434,7 @@ class ProfileChooser:
                 for model, own in zip(models, state.own, strict=True)
             )
             state = replace(state, own=owns)
-        return Chosen(models, air.columns, state, [None] * len(models))
+        return Chosen(models, air.columns, state)
 
 
 def as_profile(model: ImageModel) -> ProfileModel:

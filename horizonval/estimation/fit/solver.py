@@ -1,4 +1,4 @@
-"""The solver of all fits: Levenberg and Marquardt's method on a bundle of shots, in stages.
+"""The solver of all fits: damped Gauss-Newton on a bundle of shots, in stages.
 
 The residuals' derivatives are computed at the first step of a stage and again after a long step, or one that does not
 gain what they predict. In between they are frozen, a step costs one look at the pixels and one product, and the changes
@@ -59,8 +59,7 @@ class SolverOptions:
     noise is held from within a standard deviation on; ``most_weighs``: how often it is estimated in a stage;
     ``reweighed``: change up to which derivatives stay frozen; ``good``: share of the predicted gain above which they
     do; ``frozen``: predicted gain up to which they do [sigma^2]; ``most_cuts``, ``least_share``: how often a step that
-    gains nothing is shortened, and to which share of it; ``first_damping``, ``damping_factor``, ``most_damping``: in
-    units of the unknowns' scales, where that does not help; ``rounding``: loss of merit that counts as none [sigma^2].
+    gains nothing is shortened, and to which share of it; ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
@@ -70,11 +69,8 @@ class SolverOptions:
     reweighed: float = 0.5
     good: float = 0.7
     frozen: float = np.inf
-    most_cuts: int = 3
+    most_cuts: int = 8
     least_share: float = 0.1
-    first_damping: float = 1.0
-    damping_factor: float = 10.0
-    most_damping: float = 1e8
     rounding: float = 1e-3
 
 
@@ -122,22 +118,22 @@ class _Search:
         solved: Solved | None = None
         before: Step | None = None
         curvatures: list[Curvature] = []
-        damping, settled, square, weighs = 0.0, not stage.settle, np.inf, 0
+        settled, square, weighs = not stage.settle, np.inf, 0
         for number in range(options.most_steps):
             fresh = solved is None
             if solved is None:
                 equations = self._equations()
-                solved = Solved(bundle, equations, damping)
+                solved = Solved(bundle, equations)
             else:
                 equations = [one.again(bundle.shared) for one in equations]
             sides = right_sides(bundle, equations)
             if before is not None:
                 curvature = Curvature.between(before, sides)
                 curvatures = curvatures if curvature is None else [*curvatures[-MEMORY:], curvature]
-            step = solved.step(sides, curvatures if damping == 0.0 else ())
+            step = solved.step(sides, curvatures)
             square, bounded = step.square, self._bounded(step)
             gain = self._try(bounded)
-            short = damping == 0.0 and square < stage.tolerance**2 and (not last or step.gained < len(bundle.shots))
+            short = square < stage.tolerance**2 and (not last or step.gained < len(bundle.shots))
             if short and (settled or not last):
                 if fresh or not last or all(one.exact for one in equations):
                     return equations, solved
@@ -146,30 +142,22 @@ class _Search:
                 continue
             cuts = 0
             while gain < -options.rounding:
-                if fresh and cuts < options.most_cuts:
+                if not fresh:
+                    equations, fresh, curvatures = self._equations(), True, []
+                    solved = Solved(bundle, equations)
+                    bounded = self._bounded(solved.step(right_sides(bundle, equations)))
+                elif cuts == options.most_cuts:
+                    # Nothing near is better: the best place is this one, to rounding.
+                    return equations, solved
+                else:
                     # The parabola through this merit and the present one, with the slope that the equations predict.
                     cuts += 1
                     share = bounded.gained / (2.0 * bounded.gained - gain)
                     bounded = bounded.shortened(float(np.clip(share, options.least_share, 0.5)))
-                    gain = self._try(bounded)
-                    continue
-                if fresh:
-                    damping = max(options.first_damping, options.damping_factor * damping)
-                    if damping > options.most_damping:
-                        # Nothing near is better: the best place is this one, to rounding.
-                        return equations, Solved(bundle, equations)
-                else:
-                    equations, fresh = self._equations(), True
-                solved = Solved(bundle, equations, damping)
-                bounded = self._bounded(solved.step(right_sides(bundle, equations)))
                 gain = self._try(bounded)
-                curvatures = []
             before = bounded
             self.progress.step("fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(square):.2g} sigma")
             if gain < options.good * bounded.gained - options.rounding or bounded.gained > options.frozen:
-                solved = None
-            if damping > 0.0:
-                damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
             if cuts > 1 and last and gain < stage.tolerance and self.moved_px < options.least_share * stage.reselect_px:
                 # A valley too bent for equations to follow, whose floor is level (a limb that is nearly hard).

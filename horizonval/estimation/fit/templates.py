@@ -44,6 +44,8 @@ LEAST_OVERLAP = 0.6
 limb is 10 km higher; the visible bands of the shipped cameras share 0.97."""
 MONTHS = 12.0
 """Period of the second axis of thermal tables."""
+CLOUDED = 0.75
+"""Share of scenes with clouds in the ensembles of the shipped tables."""
 _AXES = {"solar": ("sun_zenith_rad", "sun_azimuth_rad"), "thermal": ("latitude_rad", "month")}
 _NUMBERS: dict[str, type[np.int8] | type[np.int16]] = {"mean": np.int16, "modes": np.int8, "left_sigma": np.int8}
 """Whole numbers of the profiles in a file."""
@@ -112,6 +114,16 @@ class LimbTemplates:
     def lengths_at(self, first: ArrayLike) -> FloatArray:
         """Return the modes' lengths at places along the first axis, shape (n, K, 2)."""
         return np.tensordot(_straight(self.axes[0], np.atleast_1d(first)), self.correlation_rad, 1)
+
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        """Standard deviations of the modes in a normal prior, in units of the ensemble's, shape (K, 1).
+
+        Clouds are in a scene or not: with the share ``q`` of cloudy scenes the unit variable of this mode is
+        ``-(q / (1 - q))^1/2`` without. One standard deviation of the prior reaches there.
+        """
+        scene = np.array(self.mode_kinds) == "scene"
+        return np.where(scene, np.sqrt(CLOUDED / (1.0 - CLOUDED)), 1.0)[:, None]
 
     @cached_property
     def _root(self) -> FloatArray:

@@ -25,9 +25,9 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import oblate_limbs, relief_covariance, reliefs
-from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.crossing import row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.locate import SATURATED_SHARE
 from horizonval.estimation.limb.picture import ROSE_SIGMAS
-from horizonval.estimation.limb.steepest import SATURATED_SHARE
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
@@ -37,14 +37,8 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 class RowLimb:
     """A row's crossing.
 
-    Attributes
-    ----------
-    los_cam : ndarray, shape (3,)
-        Line of sight to it.
-    sigma_rad : float
-        Its standard deviation along the row.
-    to_bright_cam : ndarray, shape (3,)
-        Vector along the row towards the bright side.
+    ``los_cam``: shape (3,), line of sight to it; ``sigma_rad``: its standard deviation along the row;
+    ``to_bright_cam``: shape (3,), vector along the row towards the bright side.
     """
 
     los_cam: FloatArray
@@ -65,55 +59,42 @@ def row_limb(head: Observation) -> RowLimb | Refusal:
     """Return where a head's row crosses the limb, or why it need not be the limb."""
     image = np.asarray(head.image, dtype=np.float64)
     v = image.shape[0] // 2
-    row = image[v]
-    crossing = sub_pixel_crossing(row)
-    bright_left = _bright_left(row, crossing)
-    if head.full_scale is not None and (row >= SATURATED_SHARE * head.full_scale).any():
-        return Refusal(*_saturation(row, crossing, bright_left, head.full_scale))
+    row, crossing = image[v], sub_pixel_crossing(image[v])
+    column = 0.5 * len(row) if isinstance(crossing, Refusal) else crossing.column
+    at = int(np.clip(round(column), 1, len(row) - 1))
+    bright_left = bool(np.median(row[:at]) > np.median(row[at:]))
+    full = np.inf if head.full_scale is None else head.full_scale
+    saturated = np.flatnonzero(row >= SATURATED_SHARE * full)
+    if len(saturated):
+        within = saturated < column if bright_left else saturated > column
+        if not isinstance(crossing, Refusal) and within.all() and len(saturated) > 0.5 * np.sum(row > 0.5 * full):
+            return Refusal(Outcome.SATURATED, f"{len(saturated)} px of the Earth are saturated")
+        return Refusal(Outcome.SUN_GLARE, f"{len(saturated)} px are saturated, as by the Sun")
     if isinstance(crossing, Refusal):
         return crossing
-    if reason := _second_edge(row, crossing, bright_left):
+    # Falling from the Earth to space.
+    line, fall = (row, column) if bright_left else (row[::-1], len(row) - 1 - column)
+    if reason := _second_edge(line, fall, crossing.width_px, row_noise(row, round(column))):
         return Refusal(Outcome.AMBIGUOUS, reason)
-    columns = np.array([crossing.column - 0.5, crossing.column, crossing.column + 0.5])
+    columns = np.array([column - 0.5, column, column + 0.5])
     left, los, right = unproject(head.camera, np.column_stack([columns, np.full(3, float(v))]))
     along = left - right if bright_left else right - left
     return RowLimb(los, crossing.sigma_px * float(np.linalg.norm(along)), along)
 
 
-def _bright_left(row: FloatArray, crossing: Crossing | Refusal) -> bool:
-    middle = len(row) / 2 if isinstance(crossing, Refusal) else crossing.column
-    at = int(np.clip(round(middle), 1, len(row) - 1))
-    return bool(np.median(row[:at]) > np.median(row[at:]))
-
-
-def _saturation(
-    row: FloatArray, crossing: Crossing | Refusal, bright_left: bool, full_scale: float
-) -> tuple[Outcome, str]:
-    at = np.flatnonzero(row >= SATURATED_SHARE * full_scale)
-    if isinstance(crossing, Crossing):
-        within = at < crossing.column if bright_left else at > crossing.column
-        if within.all() and len(at) > 0.5 * np.sum(row > 0.5 * full_scale):
-            return Outcome.SATURATED, f"{len(at)} px of the Earth are saturated"
-    return Outcome.SUN_GLARE, f"{len(at)} px are saturated, as by the Sun"
-
-
-def _second_edge(row: FloatArray, crossing: Crossing, bright_left: bool) -> str | None:
-    """Return where a row leaves the levels of its one edge."""
-    line = row if bright_left else row[::-1]
-    column = crossing.column if bright_left else len(row) - 1 - crossing.column
-    # Falling from the Earth to space: everything from here on is put in these terms.
+def _second_edge(line: FloatArray, column: float, width_px: float, noise: float) -> str | None:
+    """Return where a line that falls at a column leaves the levels of its one edge."""
     # A plateau bends over within four widths of the edge.
-    reach = max(10.0, 4.0 * crossing.width_px)
+    reach = max(10.0, 4.0 * width_px)
     inside, outside = line[: max(int(column - reach), 0)], line[int(np.ceil(column + reach)) :]
     if min(len(inside), len(outside)) < 4:
         return None
-    space, earth = float(np.median(outside)), float(np.median(inside))
-    step = earth - space
+    space = float(np.median(outside))
+    step = float(np.median(inside)) - space
     if step <= 0.0:
         return "the row is no darker beyond the limb than within"
     # A Gaussian of one pixel, narrower than any object, leaves this much of the noise of single pixels.
-    left_over = (2.0 * np.sqrt(np.pi)) ** -0.5
-    noise = ROSE_SIGMAS * left_over * row_noise(row, round(crossing.column)) / step
+    noise *= ROSE_SIGMAS * (2.0 * np.sqrt(np.pi)) ** -0.5 / step
     within, beyond = (gaussian_filter1d((part - space) / step, 1.0, mode="nearest") for part in (inside, outside))
     # Carbon dioxide's disc is 0.9 to 1.1 of its plateau and space 0.01; half of the step is another edge.
     if beyond.max() > 0.1 + noise:

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.edges import find_edges
+from horizonval.estimation.limb.edges import canny
 from horizonval.estimation.limb.picture import DARK_LEVEL, MEDIAN_TO_SIGMA, TRIM_SIGMAS, Picture, check_image
 
 
@@ -70,6 +71,8 @@ def fit_circle(uv: FloatArray) -> Circle | None:
     return Circle(centre * scale + middle, radius * scale)
 
 
+STRONG_SHARE = 0.08
+"""Threshold relative to the image's steepest gradients: small, so that a limb next to a bright cloud stays."""
 FEWEST_PIXELS = 24
 """A shorter arc of 100 px radius bends by less than the 0.7 px that whole pixels are off."""
 
@@ -86,11 +89,10 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
     """Return the longest edge of an image (H, W) as an arc of whole pixels, or why there is none."""
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
-    grey = np.asarray(image, dtype=np.float64)
-    # The blur before Canny reflects the image at its border, which bends edges in the last two pixels.
-    uv = longest_chain(find_edges(Picture(grey, full_scale).eight_bit, 2), (grey.shape[0], grey.shape[1]))
+    picture = Picture(image, full_scale)
+    uv = longest_chain(canny(picture.single, picture.credible_noise, STRONG_SHARE)[0])
     if len(uv) < FEWEST_PIXELS:
-        if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_LEVEL * full_scale:
+        if full_scale is not None and float(np.percentile(picture.grey, 99.9)) < DARK_LEVEL * full_scale:
             return Refusal(Outcome.DARK, f"no edge of {FEWEST_PIXELS} pixels in a dark image")
         return Refusal(Outcome.NO_LIMB, f"the longest edge has {len(uv)} pixels; {FEWEST_PIXELS} are needed")
     for _ in range(2):
@@ -109,13 +111,9 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
     return Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle)
 
 
-def longest_chain(uv: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Return the largest group of touching pixels (by side or corner) among whole-pixel points, shape (m, 2)."""
-    if not len(uv):
-        return uv
-    columns, rows = uv.astype(int).T
-    mask = np.zeros(shape, dtype=np.uint8)
-    mask[rows, columns] = 1
-    _, labels = cv2.connectedComponents(mask, connectivity=8)
-    chain = labels[rows, columns]
-    return uv[chain == np.bincount(chain).argmax()]
+def longest_chain(mask: NDArray[np.uint8]) -> FloatArray:
+    """Return the pixels (m, 2) of the largest group of touching ones (by side or corner) in a mask (H, W)."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if len(stats) < 2:
+        return np.empty((0, 2))
+    return np.argwhere(labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]))[:, ::-1].astype(np.float64)

@@ -14,21 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-OUTLIER_SIGMAS = 4.0
-"""Robust standard deviations beyond which a point is an outlier: of normal ones one of sixteen thousand is."""
 SMALLEST_TRIM_PX = 0.3
 """Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
-TRIMS = 5
-"""Largest number of passes that leave outliers out."""
 SLOW_PX = 0.01
 """Rms error of sub-pixel points of a sharp limb without noise: mostly the lens's blur of shaded ground."""
 SOFT_SLOW_PX = 0.07
-"""The same for points by the area under a profile on limbs with air, over frames from 300 to 36 000 km: the
-contribution of the air's tail and the ground's shading depends on the slant of a column."""
+"""The same on limbs with air, over frames from 300 to 36 000 km."""
 SLOW_PATTERNS = 4.0
 """Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
 
@@ -39,15 +34,19 @@ def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
     return np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable").astype(np.int64)
 
 
+def inwards_of(los: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3) across lines of sight (n, 3) towards an axis."""
+    inwards = axis - los * (los @ axis)[:, None]
+    return np.asarray(inwards / np.linalg.norm(inwards, axis=1)[:, None])
+
+
 def near_cone(los_cam: FloatArray, px_rad: float, fewest: int = 8) -> NDArray[np.intp]:
     """Return the rows of lines of sight (n, 3) without those far from the cone through the rest."""
     rows = np.arange(len(los_cam))
-    for _ in range(TRIMS):
-        if len(rows) < fewest:
-            break
+    while len(rows) >= fewest:
         off = off_axis_angle(los_cam[rows], fit_cone(los_cam[rows]).axis_cam)
         off = np.abs(off - median(off))
-        good = off <= max(OUTLIER_SIGMAS * MEDIAN_TO_SIGMA * median(off), SMALLEST_TRIM_PX * px_rad)
+        good = off <= max(TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off), SMALLEST_TRIM_PX * px_rad)
         if good.all():
             break
         rows = rows[good]
@@ -100,10 +99,8 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
 
     A point off by the angle ``e`` has ``u = u0 + e w - e^2/2 u0``, ``w = cos rho t - sin rho n``. With ``s^2`` the mean
     of ``e^2``, the normal equations of ``u . n - cos rho`` keep in mean the right-hand side ``s^2 cos rho sin rho (3/2
-    sum t, 1/2 n)``. On a short arc, whose ``t`` spread little, that turns the axis towards it by ``s^2 cot rho mean(t)
-    / var(t)`` and narrows the cone by as much: second order in the noise, but with the arc's fourth power below.
-    Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
-    times as much. Raises ``LinAlgError`` if the points do not determine a cone.
+    sum t, 1/2 n)``, which turns the axis towards a short arc and narrows the cone. Raises ``LinAlgError`` if the points
+    do not determine a cone.
 
     ``los_cam``: shape (n, 3); ``axis``: shape (3,); ``sigma_rad``: standard deviation of a point across the limb [rad].
     """
@@ -115,11 +112,7 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
 
 
 def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
-    """Return the covariance of a fitted cone from its own residuals: its scatter and the bias that noise causes.
-
-    The bias (:func:`noise_bias`) is not taken away from the fit; its outer product widens the covariance. Parameters
-    and errors as for :func:`cone_scatter`.
-    """
+    """Return :func:`cone_scatter` widened by the outer product of :func:`noise_bias`, which the fit still contains."""
     scatter = cone_scatter(los_cam, axis, rho_rad)
     sigma = float(np.std(off_axis_angle(los_cam, axis) - rho_rad))
     bias = noise_bias(los_cam, axis, rho_rad, sigma)

@@ -1,9 +1,4 @@
-"""Edge pixels of an image by Canny: the search of the published methods, right where the limb is the only edge.
-
-The image is stretched to eight bits (:class:`horizonval.estimation.limb.picture.Picture`). The upper threshold is the
-largest of three: a multiple of the measured noise, a share of the image's strong gradients, and a floor that excludes
-slow ramps such as the terminator.
-"""
+"""Edge pixels of an image by Canny (IEEE Trans. PAMI 8, 679, 1986): the published methods take them for the limb."""
 
 from __future__ import annotations
 
@@ -13,40 +8,32 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.picture import FEWEST_POINTS, LimbPoints, noise_sigma, percentile, picture_of
+from horizonval.estimation.limb.picture import FEWEST_POINTS, ROSE_SIGMAS, LimbPoints, percentile, picture_of
 from horizonval.geometry.camera import CameraModel, unproject
 
-BLUR_SIGMA_PX = 1.0
-"""Before detection: a lens's own blur."""
-SOBEL_NOISE_GAIN = 1.14
-"""Standard deviation of one Sobel component per unit white noise, after the Gaussian blur of 1 px."""
-NOISE_FACTOR = 6.0
-"""Standard deviations of a gradient's component: the size of one in sixty million of noise alone is larger."""
-STRONG_SHARE, LIMB_SHARE = 0.08, 0.4
-"""Threshold relative to the image's steepest gradients: small, so that a limb next to a bright cloud stays; and where
-all edges count as limb, since discs of 50 to 200 px have steep shading."""
-RAMP_FLOOR = 25.0
-"""Sobel units (eight times grey levels per pixel): a full black-to-white rise slower than 80 px is not an edge."""
-LOW_TO_HIGH = 0.4
-"""Where an edge goes on; Canny asks for a half to a third."""
+LIMB_SHARE = 0.4
+"""Threshold relative to the steepest gradients where all edges count as limb: discs of 50 to 200 px are shaded."""
+
+Gradient = NDArray[np.float32]
 
 
-def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> FloatArray:
-    """Return the Canny pixels (n, 2) of an eight-bit image (H, W), those within ``rim_px`` of its outer rim left out.
+def canny(grey: Gradient, noise: float, strong_share: float = 0.0) -> tuple[NDArray[np.uint8], Gradient, Gradient]:
+    """Return the edge pixels of an image (H, W) and its gradients along rows and columns, over their noise.
 
-    ``strong_share``: the upper threshold is at least that share of the image's own strong gradients.
+    ``noise``: standard deviation of a pixel. The threshold is that of visibility (Rose), or a share of the image's
+    strong gradients where that is larger. The two outermost pixels are no edges: the blur reflects the image there.
     """
-    smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
-    dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
-    dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    # Squares of whole numbers are whole too: only the root rounds.
-    square = cv2.add(cv2.multiply(dx, dx, dtype=cv2.CV_32F), cv2.multiply(dy, dy, dtype=cv2.CV_32F))
-    strong = percentile(np.sqrt(np.asarray(square, dtype=np.float32)), 99.9)
-    high = max(NOISE_FACTOR * noise_sigma(image8) * SOBEL_NOISE_GAIN, strong_share * strong, RAMP_FLOOR)
-    mask = cv2.Canny(dx, dy, LOW_TO_HIGH * high, high, L2gradient=True)
-    mask[:rim_px] = mask[-rim_px:] = mask[:, :rim_px] = mask[:, -rim_px:] = 0
-    places = cv2.findNonZero(mask)
-    return np.empty((0, 2)) if places is None else places.reshape(-1, 2).astype(np.float64)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    # Standard deviation of a Sobel component of white noise after this blur: 1.14.
+    unit = 1.0 / (1.14 * noise)
+    dx = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), dtype=np.float32)
+    dy = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit), dtype=np.float32)
+    high = max(ROSE_SIGMAS, strong_share * percentile(cv2.magnitude(dx, dy), 99.9) if strong_share else 0.0)
+    # Whole numbers of 16 bits with eight steps to a standard deviation reach up to 4 000 of them.
+    across, down = (np.clip(8.0 * d, -32767.0, 32767.0).astype(np.int16) for d in (dx, dy))
+    mask = np.asarray(cv2.Canny(across, down, 4.0 * high, 8.0 * high, L2gradient=True), dtype=np.uint8)
+    mask[:2] = mask[-2:] = mask[:, :2] = mask[:, -2:] = 0
+    return mask, dx, dy
 
 
 def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
@@ -57,7 +44,8 @@ def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float 
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture
-    uv = find_edges(picture.eight_bit, 1, LIMB_SHARE)
+    mask, _, _ = canny(picture.single, picture.credible_noise, LIMB_SHARE)
+    uv = np.argwhere(mask)[:, ::-1].astype(np.float64)
     if camera.image_circle_rad is not None:
         # Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is.
         outwards = uv - (camera.cx, camera.cy)

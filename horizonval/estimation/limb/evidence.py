@@ -4,10 +4,10 @@ The limb of a cone is cut into sectors, and the picture is read across each of t
 mean of neighbouring profiles. Two models with equally many free levels are fitted by least squares::
 
     limb      I = b + a E(x - d) + c E(x - d) (x - d),     E(x) = Phi(x / s)
-    no limb   I = b + a x + c x^2      or      I = b + a x + c E(x - d) (x - d)
+    no limb   I = b + a x + c E(x - d) (x - d)
 
-``b`` is space, ``a`` the Earth's brightness relative to it, ``c`` its shading. A smooth ramp is no limb, nor is a ramp
-that begins, as the terminator does. The width ``s`` is common to all sectors, one of a few; the shift ``d`` is fitted
+``b`` is space, ``a`` the Earth's brightness relative to it, ``c`` its shading. A ramp that begins, as the terminator
+does, is no limb. The width ``s`` is common to all sectors, one of a few; the shift ``d`` is fitted
 per sector, up to two pixels. With the mean squared residuals ``m``, and the noise unknown, the log likelihood ratio is
 ::
 
@@ -37,18 +37,12 @@ WIDTHS_PX = (0.4, 0.8, 1.6, 3.2)
 """Widths of edges tried, in factors of two; a wider edge is half as wide a level on."""
 SHIFTS_PX = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """A cone of a level is right to a pixel, which is two of the next one."""
-AIR_WIDTH_M = 40e3
-"""Widest air: from half of its brightness carbon dioxide's limb falls to a tenth within 20 km, haze and ozone less."""
 PROFILES = 4
 """Neighbouring ones that make a sector's mean: half of the noise, over less limb than the tolerated relief takes."""
 MOST_SECTORS = 64
 """More would tell no more of three unknowns and cost more: 256 profiles."""
-FEWEST_KNOWN = 0.75
-"""Smallest share of known samples in a profile."""
 INNERMOST = 2
 """Pixels of a profile that tell the Earth from a bright line."""
-MISFIT_SHARE = 0.03
-"""Misfit of a good profile relative to the step."""
 CERTAIN = 6.0
 """Log likelihood ratio of a sector that shows a limb: 400 to 1. One in a thousand sectors of noise passes it."""
 
@@ -141,11 +135,14 @@ def inner_reach(trace: Trace, rho_rad: float, scale: float) -> int:
 
 
 def allowed_widths(trace: Trace, rho_rad: float, scale: float) -> tuple[float, ...]:
-    """Return the widths of an edge that lens or air may have in a level; the sharpest always."""
-    km = MEAN_RADIUS_M / np.tan(rho_rad) * trace.middle_px_rad * scale
+    """Return the widths of an edge that lens or air may have in a level; the sharpest always.
+
+    From half of its brightness carbon dioxide's limb falls to a tenth within 20 km, haze and ozone less.
+    """
+    px_m = MEAN_RADIUS_M / np.tan(rho_rad) * trace.middle_px_rad * scale
     # A lens may blur its own pixels, not the means of many.
     lens = WIDTHS_PX[2] if scale == 1.0 else WIDTHS_PX[1]
-    return tuple(width for width in WIDTHS_PX if width <= max(lens, AIR_WIDTH_M / km))
+    return tuple(width for width in WIDTHS_PX if width <= max(lens, 40e3 / px_m))
 
 
 def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -155,16 +152,16 @@ def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tup
 
 
 def enough_known(known: NDArray[np.bool_], offsets: FloatArray) -> NDArray[np.bool_]:
-    """Return which profiles (n, k) are measured at their middle and mostly elsewhere."""
+    """Return which profiles (n, k) are measured at their middle and at three quarters of all places."""
     middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
-    return np.asarray((known.mean(axis=1) >= FEWEST_KNOWN) & np.all(known[:, middle], axis=1))
+    return np.asarray((known.mean(axis=1) >= 0.75) & np.all(known[:, middle], axis=1))
 
 
 @cache
 def _projections(reach: int) -> FloatArray:
-    """Return columns (k, 2 + 6 e) for e edges: of ramps, of edges, of ramps' begins, of steps and of space.
+    """Return columns (k, 6 e) for e edges: of edges, of ramps' begins, of steps and of space.
 
-    The first three are orthonormal and orthogonal to a constant; the product of a profile with the last two is the step
+    The first two are orthonormal and orthogonal to a constant; the product of a profile with the last two is the step
     and the level of space that fit it.
     """
     x = np.arange(-REACH_PX, reach + 1.0)
@@ -181,7 +178,7 @@ def _projections(reach: int) -> FloatArray:
             levels = np.linalg.pinv(np.column_stack([np.ones_like(x), edge, edge * (x - shift) / REACH_PX]))
             steps.append(levels[1][:, None])
             spaces.append(levels[0][:, None])
-    return np.hstack([varying(x, x * x), *edges, *begins, *steps, *spaces])
+    return np.hstack([*edges, *begins, *steps, *spaces])
 
 
 def _compared(
@@ -193,19 +190,20 @@ def _compared(
     power = np.einsum("ij,ij->i", centred, centred)
     every, tried = len(WIDTHS_PX) * len(SHIFTS_PX), len(widths) * len(SHIFTS_PX)
     columns = _projections(reach)
-    explained = (centred @ columns[:, : 2 + 4 * every]) ** 2
+    explained = (centred @ columns[:, : 4 * every]) ** 2
     explained = explained[:, ::2] + explained[:, 1::2]
-    ramps, edges, begins = explained[:, 0], explained[:, 1 : 1 + tried], explained[:, 1 + every : 1 + every + tried]
-    left_none = np.maximum(power - np.maximum(ramps, begins.max(axis=1)), 0.0) / k
+    edges, begins = explained[:, :tried], explained[:, every : every + tried]
+    left_none = np.maximum(power - begins.max(axis=1), 0.0) / k
     left = np.maximum(power[:, None] - edges, 0.0) / k
-    step = mean @ columns[:, 2 + 4 * every : 2 + 4 * every + tried]
-    floor = noise**2 / k + (MISFIT_SHARE * step) ** 2
+    step = mean @ columns[:, 4 * every : 4 * every + tried]
+    # A good profile misfits by some hundredths of its step.
+    floor = noise**2 / k + (0.03 * step) ** 2
     ratio = (0.5 * k * np.log((left_none[:, None] + floor) / (left + floor))).reshape(m, len(widths), -1)
     best = int(np.argmax(ratio.max(axis=2).sum(axis=0)))
     ratio = ratio[:, best]
     place = np.argmax(ratio, axis=1)
     rows, column = np.arange(m), best * len(SHIFTS_PX) + place
-    space = np.einsum("ij,ij->i", mean, columns.T[2 + 5 * every + column])
+    space = np.einsum("ij,ij->i", mean, columns.T[5 * every + column])
     shift = SHIFTS_PX[0] + place + _top(ratio, place)
     return ratio[rows, place], step[rows, column], space, shift, widths[best]
 

@@ -34,6 +34,7 @@ from horizonval.estimation.limb.evidence import (
 )
 from horizonval.estimation.limb.locate import points_of
 from horizonval.estimation.limb.picture import (
+    DARK_CONTRAST,
     DARK_LEVEL,
     FEWEST_POINTS,
     MEDIAN_TO_SIGMA,
@@ -52,60 +53,37 @@ from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
 NOTHING_KNOWN = Prior()
-LARGEST_SHARE_OF_SIDE = 0.3
-"""A blob wider than this share of the image's smaller side is not called the Sun."""
-SMALLEST_PIXELS = 9
-"""Three by three: hot pixels are fewer."""
-SMALLEST_SHARE_OF_SATURATED = 0.6
-"""The Sun is most of what is saturated; sunlit clouds saturate in many patches. The share of a blob's box, too, and of
-its sides."""
 
 
-@dataclass(frozen=True)
-class SunBlob:
-    """A saturated blob: centre (column, row) and radius [px]."""
+def shows_sun(saturated: NDArray[np.bool_]) -> bool:
+    """Return whether the largest blob of saturated pixels (:func:`.picture.saturated_pixels`) looks like the Sun.
 
-    column: float
-    row: float
-    radius_px: float
-
-
-def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
-    """Return the largest compact blob of saturated pixels (:func:`.picture.saturated_pixels`), or None."""
+    The Sun is three by three pixels at least, since hot pixels are fewer, fills most of its box and 0.3 of the image's
+    smaller side at most, is round unless the image's rim cuts it, and is most of what is saturated: sunlit clouds
+    saturate in many patches. Most is a share of 0.6.
+    """
     height, width = saturated.shape
-    pixels = np.count_nonzero(saturated)
-    largest = LARGEST_SHARE_OF_SIDE * min(height, width)
+    pixels = int(np.count_nonzero(saturated))
+    largest = 0.3 * min(height, width)
     # Nothing, or more than the largest Sun could be most of.
-    if pixels < SMALLEST_PIXELS or SMALLEST_SHARE_OF_SATURATED * pixels > largest**2:
-        return None
-    mask = saturated.view(np.uint8)
-    first_column, first_row, across, down = cv2.boundingRect(mask)
-    lit = np.ascontiguousarray(mask[first_row : first_row + down, first_column : first_column + across])
-    _, _, stats, _ = cv2.connectedComponentsWithStats(lit, connectivity=8)
-    blobs = []
-    for left, top, wide, high, area in stats[1:] + np.array([first_column, first_row, 0, 0, 0]):
-        at_rim = left == 0 or top == 0 or left + wide == width or top + high == height
-        even = min(wide, high) > SMALLEST_SHARE_OF_SATURATED * max(wide, high)
-        if area > SMALLEST_SHARE_OF_SATURATED * wide * high and (at_rim or even) and max(wide, high) < largest:
-            blobs.append((int(area), SunBlob(left + (wide - 1) / 2, top + (high - 1) / 2, max(wide, high) / 2)))
-    area, blob = max(blobs, key=lambda one: one[0], default=(0, None))
-    return blob if area >= max(SMALLEST_SHARE_OF_SATURATED * pixels, SMALLEST_PIXELS) else None
+    if pixels < 9 or 0.6 * pixels > largest**2:
+        return False
+    _, _, stats, _ = cv2.connectedComponentsWithStats(saturated.view(np.uint8), connectivity=8)
+    left, top, wide, high, area = (int(one) for one in stats[1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])])
+    at_rim = left == 0 or top == 0 or left + wide == width or top + high == height
+    longer = max(wide, high)
+    even = at_rim or min(wide, high) > 0.6 * longer
+    return bool(even and area >= max(0.6 * max(pixels, wide * high), 9) and longer < largest)
 
 
-STILL_SHOWN = float(np.sqrt(0.5))
-"""Likelihood relative to the largest over all sizes, from which the search refines a limb with the widest tried edge: a
-resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
-"""The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
-TRIED = 2
-"""Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
+"""Likelihood relative to the largest over all sizes, down to which the search follows a limb to smaller pixels: half
+the pixel size halves contrast over noise, and quarters the log likelihood."""
 COARSE_PX = 144
 """Longer side of the level that a coarse search ends at: a tenth of its pixel is less than a pixel of a megapixel."""
 WHOLE = 0.9
 """Visible share of the cone's limb above which no other cone is searched. A limb with its Earth inside along less of it
 is none: chance gives half, a dark cloud hides a tenth."""
-SHORTEST_SHARE_OF_WIDTH = 0.2
-"""Smallest limb relative to the field: a tenth is half a pixel from straight in the smallest image from low orbit."""
 SMALLEST_FILL = 0.3
 """Smallest visible share of the cone's limb in view: the Sun lights half a full disc, clouds hide some of it."""
 RIVAL_SHARE = 0.5
@@ -116,21 +94,9 @@ LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """A camera 60 km up sees the Earth at 82 deg; nothing orbits there, and a prior says whose camera is lower."""
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 """Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
-LOWEST_M = 1e3
-"""Lowest altitude of a camera: below, the ground is what limits its view."""
-LEAST_SIGNAL = 3.0
+LEAST_SIGMAS = 3.0
 """Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
-disc."""
-PIECES = 32
-"""Pieces of the visible limb over which its step is averaged: clouds vary faster along it than sunlight."""
-FADED_SHARE = 0.7
-"""Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
-terminator, where the edge sinks below the horizon."""
-ROUGH_SIGMAS = 3.0
-"""Standard deviations of a rough nadir, and of what a limb may be wrong by, within which the two agree."""
-DARK_CONTRAST = 0.02
-"""Contrast of full scale between middle and brightest pixels, five levels of eight bits: below, and darker than
-:data:`DARK_LEVEL`, the scene is unlit rather than uniformly bright."""
+disc. Within as many standard deviations a rough nadir and a limb agree."""
 
 
 def find_limb(
@@ -166,7 +132,8 @@ def altitude_in_air_m(prior: Prior) -> float | None:
         altitude, sigma = float(np.linalg.norm(prior.r_itrs)) - prior.sphere_radius_m, prior.position_sigma_m
     if altitude is None or sigma is None:
         return None
-    lowest = max(altitude - SIGMAS * sigma, LOWEST_M)
+    # Below 1 km the ground is what limits a view.
+    lowest = max(altitude - SIGMAS * sigma, 1e3)
     return lowest if prior.sphere_radius_m > (prior.sphere_radius_m + lowest) * np.sin(LARGEST_RHO_RAD) else None
 
 
@@ -196,17 +163,13 @@ class _Candidate:
 
 @dataclass(frozen=True)
 class _FoundLimb:
-    """A limb that is believed: its points, the cone through them, its log likelihood, and its visible share.
-
-    ``too_low``: why it is refused, if it is the limb of a camera below all orbits and nothing known says so.
-    """
+    """A limb that is believed: its points, the cone through them, its log likelihood, and its visible share."""
 
     points: LimbPoints
     axis_cam: FloatArray
     uncertainty: ConeUncertainty
     score: float
     explained: float
-    too_low: Refusal | None
 
     def contradicts(self, other: _FoundLimb) -> bool:
         apart = float(off_axis_angle(self.axis_cam, other.axis_cam))
@@ -220,7 +183,6 @@ class _Search:
     def __init__(self, picture: Picture, camera: CameraModel, prior: Prior, coarse: bool) -> None:
         self.picture, self.camera, self.rough_nadir = picture, camera, prior.rough_nadir
         self.largest_rho_rad = largest_rho_rad(prior)
-        self.sun = find_sun(picture.saturated)
         self.levels = levels_of(picture, camera)
         sides = [max(level.grey.shape) for level in self.levels]
         self.coarse = next((k for k, side in enumerate(sides) if side <= COARSE_PX), len(sides) - 1) if coarse else None
@@ -239,7 +201,7 @@ class _Search:
         best = rivals[0]
         if any(best.contradicts(rival) for rival in rivals[1:]):
             return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
-        return best.points if best.too_low is None else best.too_low
+        return best.points
 
     def _verdicts(self) -> list[tuple[float, _FoundLimb | Refusal]]:
         """Return verdict and score of every level's most probable cones, smallest level first."""
@@ -271,7 +233,7 @@ class _Search:
             return True
         nadir_cam, sigma_rad = self.rough_nadir
         off = float(off_axis_angle(axis_cam, nadir_cam))
-        return off <= ROUGH_SIGMAS * float(np.hypot(sigma_rad, LARGEST_SIGMA_RAD))
+        return off <= LEAST_SIGMAS * float(np.hypot(sigma_rad, LARGEST_SIGMA_RAD))
 
     def _proposed(self, number: int) -> list[_Candidate]:
         """Return the most probable cones of a level, the most probable first."""
@@ -283,7 +245,8 @@ class _Search:
                 found.append(_Candidate(axis, rho, number, evidence))
                 if evidence.explained > WHOLE and self._agrees(axis):
                     break
-        return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
+        # The most probable cone is followed to larger levels, and what might contradict it.
+        return sorted(found, key=lambda one: -one.evidence.score)[:2]
 
     def _followed(self, start: _Candidate, last: int) -> _Candidate:
         """Return a cone fitted to one level after another, down to the finest that still shows it, at most ``last``."""
@@ -292,15 +255,16 @@ class _Search:
             here = self._fitted(number, best)
             if here is None:
                 break
-            sharp = number < best.number and here.evidence.width_px < WIDTHS_PX[-1]
-            if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
+            # A limb that is resolved gains nothing from smaller pixels and soon exceeds the window.
+            resolved = here.evidence.width_px == WIDTHS_PX[-1]
+            if here.evidence.score < (0.7 if resolved else STILL_SEEN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
         if self._at_sectors(best):
             return best
-        # The width of the edge is that at a cone of this level.
+        # What the level shows is that of a cone of this level.
         here = self._fitted(best.number, best)
-        return best if here is None or here.evidence.score < STILL_SHOWN * best.evidence.score else here
+        return best if here is None or here.evidence.score < 0.7 * best.evidence.score else here
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
@@ -316,7 +280,8 @@ class _Search:
     def _judged(self, found: _Candidate) -> _FoundLimb | Refusal:
         """Decide whether a cone is the limb."""
         evidence, level, camera = found.evidence, self.levels[found.number], self.camera
-        shortest = SHORTEST_SHARE_OF_WIDTH * camera.width
+        # A tenth of the width is half a pixel from straight in the smallest image from low orbit.
+        shortest = 0.2 * camera.width
         if evidence.arc_px < 0.4 * shortest:
             return Refusal(Outcome.NO_LIMB, f"the longest consistent curve measures {evidence.arc_px:.0f} px")
         if evidence.arc_px < shortest:
@@ -328,7 +293,7 @@ class _Search:
                 evidence.bright_side < WHOLE,
                 f"the best curve's inside is what its edge says along {evidence.bright_side:.0%} of it only",
             ),
-            (step < LEAST_SIGNAL * self._grain(found), "the best curve's inside is noise"),
+            (step < LEAST_SIGMAS * self._grain(found), "the best curve's inside is noise"),
         ):
             if wrong:
                 return Refusal(Outcome.NO_LIMB, reason)
@@ -343,17 +308,16 @@ class _Search:
             uncertainty = cone_uncertainty(los, axis, rho)
         except np.linalg.LinAlgError:
             return Refusal(Outcome.SHORT_ARC, "the points do not determine a cone")
+        if rho > self.largest_rho_rad:
+            reason = f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
+            return Refusal(Outcome.NO_LIMB, reason)
         if np.pi / 2 - rho < SIGMAS * uncertainty.sigma_rho_rad:
             return Refusal(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
         if uncertainty.sigma_axis_rad > LARGEST_SIGMA_RAD:
             sigma = np.rad2deg(uncertainty.sigma_axis_rad)
             return Refusal(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
-        too_low = None
-        if rho > self.largest_rho_rad:
-            reason = f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
-            too_low = Refusal(Outcome.NO_LIMB, reason)
         points = LimbPoints(uv, los, int(level.scale))
-        return _FoundLimb(points, axis, uncertainty, evidence.score, evidence.explained, too_low)
+        return _FoundLimb(points, axis, uncertainty, evidence.score, evidence.explained)
 
     def _points(self, found: _Candidate) -> tuple[FloatArray, FloatArray]:
         """Return places (n, 2) of a curve's limb and lines of sight (n, 3): of its sectors, or of its pixels."""
@@ -395,7 +359,7 @@ class _Search:
     def _refused(self, first: Refusal | None) -> Refusal:
         """Return why a picture without a limb has none; ``first``: what was said of its most probable curve."""
         picture, full_scale = self.picture, self.picture.full_scale
-        if self.sun is not None:
+        if shows_sun(picture.saturated):
             why = "no other edge" if first is None else first.reason
             return Refusal(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {why}")
         share = float(picture.saturated.mean())
@@ -411,7 +375,9 @@ class _Search:
 
 def _lit(step: FloatArray, deep: FloatArray) -> NDArray[np.bool_]:
     """Return at which points of a limb the Earth is lit at the limb itself, and not only further inside."""
-    size = max(len(step) // PIECES, 1)
+    # In 32 pieces of the limb: clouds vary faster along it than sunlight.
+    size = max(len(step) // 32, 1)
     at_limb, inside = (uniform_filter1d(np.abs(some), size, mode="nearest") for some in (step, deep))
     share = at_limb / np.maximum(inside, np.finfo(float).tiny)
-    return np.asarray(share >= FADED_SHARE * percentile(share, 75.0))
+    # With less than 0.7 of the upper quartile a limb has faded near the terminator.
+    return np.asarray(share >= 0.7 * percentile(share, 75.0))

@@ -16,17 +16,11 @@ from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median, pixel_di
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import tangent_basis
 
-MARGIN_PX, SKY_PX = 4.0, 40.0
-"""From the top of the air to where space begins, for a start that is right to two pixels and a blurred limb; and how
-far from there light may still reach the limb."""
+MARGIN_PX = 4
+"""Distance from the top of the air to space, for a start that is right to two pixels and a blurred limb. Foreign light
+has as many pixels at least (hot ones are fewer), and takes as much limb to either side with it."""
 NOISE_SIGMAS, LEAST_SHARE = 8.0, 0.1
 """Least difference from space, in its noise and as a share of the limb's step: glare below does not move a limb."""
-FEWEST_PX = 4
-"""Two by two pixels: hot ones are fewer."""
-DILATED_PX = 4
-"""Limb to either side of foreign light that is left out too, and at least half as much as the light's own width."""
-MOST_HIDDEN = 0.5
-"""Share of the limb in view that may be left out."""
 
 
 def without_foreign_light(
@@ -44,25 +38,22 @@ def without_foreign_light(
         return float(np.cos(np.clip(rho_rad + outside_px / px_per_rad, 0.0, np.pi)))
 
     top = top_rad * px_per_rad + MARGIN_PX
-    near = np.flatnonzero((cosine < at(-MARGIN_PX)) & (cosine > at(top + SKY_PX)))
+    # Light farther out than ten margins does not reach the limb.
+    near = np.flatnonzero((cosine < at(-MARGIN_PX)) & (cosine > at(top + 10 * MARGIN_PX)))
     cosine, values = cosine[near], image.ravel()[near]
     known = np.isfinite(values)
     space, inside = known & (cosine < at(top)), known & (cosine > at(-1.0))
     limb = near[(cosine < at(-1.0)) & (cosine > at(1.0))]
-    if np.count_nonzero(space) < FEWEST_PX or not inside.any() or not len(limb):
+    if np.count_nonzero(space) < MARGIN_PX or not inside.any() or not len(limb):
         return image
     level = median(values[space])
     off = np.abs(values[space] - level)
     step = abs(float(np.percentile(values[inside], 75.0)) - level)
     noise = MEDIAN_TO_SIGMA * median(off)
-    lit = near[space][off > max(NOISE_SIGMAS * noise, LEAST_SHARE * step)]
-    if len(lit) < FEWEST_PX:
-        return image
     mask = np.zeros(image.shape, dtype=np.uint8)
-    mask.ravel()[lit] = 1
+    mask.ravel()[near[space][off > max(NOISE_SIGMAS * noise, LEAST_SHARE * step)]] = 1
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= FEWEST_PX)
-    large = large[large > 0]
+    large = 1 + np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= MARGIN_PX)
     if not len(large):
         return image
     across = los @ tangent_basis(nadir_cam)
@@ -72,9 +63,7 @@ def without_foreign_light(
     hidden = np.zeros(bins, dtype=bool)
     for label in large:
         there = np.bincount(place[labels == label], minlength=bins) > 0
-        wide = max(DILATED_PX, int(np.count_nonzero(there)) // 2)
+        wide = max(MARGIN_PX, int(np.count_nonzero(there)) // 2)
         hidden |= maximum_filter1d(there, min(2 * wide + 1, bins), mode="wrap")
-    # Light all round is a veil or a glow, of which the fit has a model, or no limb, which the fit finds out.
-    return (
-        image if float(np.mean(hidden[place.ravel()[limb]])) > MOST_HIDDEN else np.where(hidden[place], np.nan, image)
-    )
+    # Light along most of the limb is a veil or a glow, of which the fit has a model, or no limb, which the fit finds.
+    return image if float(np.mean(hidden[place.ravel()[limb]])) > 0.5 else np.where(hidden[place], np.nan, image)

@@ -74,14 +74,12 @@ def to_grey(array: NDArray[Any]) -> FloatArray:
 
 SMALLEST_SIDE_PX = 8
 """A profile across an edge has five pixels at least, and one to either side to be moved by."""
-SATURATED_SHARE = 0.9
-"""Above this share of saturated pixels nothing is left to see a limb in."""
 COMMON_FULL_SCALES = (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 """Full scales of float, 8, 10, 12, 14 and 16 bit images: a constant image at one of these is saturated, not dark."""
 DARK_LEVEL = 0.2
 """Share of full scale below which the brightest pixels of an image without edges show an unlit scene."""
-DARK_SHARE = 0.01
-"""A constant image below this share of full scale is called dark."""
+DARK_CONTRAST = 0.02
+"""Contrast of full scale, five levels of eight bits: with less, and below :data:`DARK_LEVEL`, a scene is unlit."""
 
 
 def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal | None:
@@ -101,14 +99,15 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal |
     if high == low:
         return _flat(high, full_scale)
     share = 0.0 if full_scale is None else np.count_nonzero(image >= full_scale) / image.size
-    return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated") if share > SATURATED_SHARE else None
+    # In a tenth of the pixels nothing is left to see a limb in.
+    return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated") if share > 0.9 else None
 
 
 def _flat(level: float, full_scale: float | None) -> Refusal:
     scales = COMMON_FULL_SCALES if full_scale is None else (full_scale,)
     if level in scales or (full_scale is not None and level >= full_scale):
         return Refusal(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
-    if level <= DARK_SHARE * scales[0]:
+    if level <= DARK_CONTRAST * scales[0]:
         return Refusal(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
     return Refusal(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")
 
@@ -133,14 +132,11 @@ def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatAr
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)), small
 
 
-LEAST_PX = 32
-"""Smallest size of a reduced copy: two windows of a fit, and a limb that bends."""
-
-
 def scale_as_deep(camera: CameraModel, pixel_m: float, deep_m: float) -> int:
     """Return how many pixels of a size together see as much as a depth: a power of two, or 1."""
     scale = 1
-    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+    # A copy of 32 pixels has two windows of a fit, and a limb that bends.
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 64 * scale:
         scale *= 2
     return scale
 
@@ -159,16 +155,12 @@ def in_whole(uv: FloatArray, scale: int) -> FloatArray:
     return np.asarray(scale * (uv + 0.5) - 0.5)
 
 
-MOST_CACHED_PX = 1 << 22
-"""Largest camera whose directions are cached, 100 MB."""
-
-
 def pixel_directions(camera: CameraModel) -> FloatArray:
     """Return the unit directions in camera axes, shape (H, W, 3), read only; NaN where a pixel sees nothing.
 
-    Those of the last two cameras are cached, because images of a flight share one camera.
+    Those of the last two cameras are cached, 100 MB at most, because images of a flight share one camera.
     """
-    large = camera.width * camera.height > MOST_CACHED_PX
+    large = camera.width * camera.height > 1 << 22
     return _pixel_directions.__wrapped__(camera) if large else _pixel_directions(camera)
 
 
@@ -181,13 +173,8 @@ def _pixel_directions(camera: CameraModel) -> FloatArray:
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """Operator that measures noise and cancels levels and first derivatives."""
-NOISE_ROWS = 128
-"""Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
-STRETCH_PERCENTILES = (0.5, 99.9)
-"""Percentiles of the levels that exclude dead and hot pixels."""
-SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
-"""Smallest range between these percentiles, relative to the whole range and in standard deviations of the noise: space
-alone has less."""
+NOISE_FLOOR = 1e-3
+"""Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
 
 class Picture:
@@ -205,14 +192,6 @@ class Picture:
         self.saturated = saturated_pixels(self.grey, full_scale) if saturated is None else saturated
 
     @cached_property
-    def darkest(self) -> float:
-        return float(self.grey.min())
-
-    @cached_property
-    def brightest(self) -> float:
-        return float(self.grey.max())
-
-    @cached_property
     def single(self) -> NDArray[np.float32]:
         """The image in the precision that OpenCV filters in, shape (H, W)."""
         return self.grey.astype(np.float32)
@@ -223,9 +202,9 @@ class Picture:
         return np.asarray(cv2.blur(self.single, (3, 3)), dtype=np.float32)
 
     @cached_property
-    def noise_sigma(self) -> float:
-        """Standard deviation of the pixel noise."""
-        return noise_sigma(self.single)
+    def credible_noise(self) -> float:
+        """Standard deviation of the pixel noise, of a picture without any at least :data:`NOISE_FLOOR`."""
+        return max(noise_sigma(self.single), NOISE_FLOOR * float(np.ptp(self.grey)))
 
     @cached_property
     def unclipped(self) -> FloatArray:
@@ -238,27 +217,14 @@ class Picture:
         near = cv2.dilate(self.saturated.astype(np.uint8), np.ones((5, 5), np.uint8))
         return np.where(near > 0, np.nan, self.grey)
 
-    @cached_property
-    def eight_bit(self) -> NDArray[np.uint8]:
-        """The image stretched to 0..255 over the range of its unsaturated pixels, shape (H, W)."""
-        usable = self.grey[~self.saturated]
-        low, high = (percentile(usable, q) for q in STRETCH_PERCENTILES) if usable.size else (self.darkest,) * 2
-        top = self.brightest
-        # A small bright Earth lies above the percentile: then noise alone would fill the stretch.
-        if high - low < SMALLEST_RANGE_SHARE * (top - low) or high - low < SMALLEST_RANGE_SIGMAS * self.noise_sigma:
-            high = top
-        if high <= low:
-            low = self.darkest
-        return np.clip((self.grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
-
 
 def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
     """Return the standard deviation of the pixel noise, blind to edges and smooth shading.
 
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
-    mean so that edges do not count, over some :data:`NOISE_ROWS` rows and columns.
+    mean so that edges do not count, over some 128 rows and columns: 16 000 pixels know it to a percent.
     """
-    step = max(min(image.shape) // NOISE_ROWS, 1)
+    step = max(min(image.shape) // 128, 1)
     signed = image.astype(np.int16) if image.dtype == np.uint8 else image
 
     def second_difference(rows: slice) -> NDArray[Any]:

@@ -17,18 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
-from horizonval.estimation.limb.picture import FEWEST_POINTS, ROSE_SIGMAS
+from horizonval.estimation.limb.edges import canny
+from horizonval.estimation.limb.picture import FEWEST_POINTS
 from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
 
-INT16 = np.iinfo(np.int16)
-UNITS = 8.0
-"""Steps of Canny's whole numbers per standard deviation of noise: 4 000 of them fit into 16 bits."""
-CALM_REACH_PX = 4
-"""Distance from an edge to the middle of the square in which its side's variation is measured, and the square's
-width."""
 MOST_EDGES = 400
 """Largest number of edges, those with the calmest side: a limb across a level of 320 px, and some clouds."""
 TRIPLES = 6_000
@@ -39,8 +33,6 @@ MOST_CONES = 64
 """Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
-KEPT = 4
-"""Cones kept per level; another level shows what one does not."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +65,17 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
     axes, cosines, inside = _agreeing(edges, rng.integers(0, n, size=(TRIPLES, 3)), largest_rho_rad)
     supports = edges.supports(axes, cosines, inside)
     taken = np.zeros(n, dtype=bool)
-    for _ in range(KEPT if len(axes) else 0):
+    # Four cones a level: another level shows what one does not.
+    for _ in range(4 if len(axes) else 0):
         votes = np.count_nonzero(supports & ~taken, axis=1)
         best = int(np.argmax(votes))
         if votes[best] < FEWEST_POINTS:
             break
         support, axis, cosine = supports[best], axes[best], cosines[best]
         taken |= support
-        for _ in range(2):
-            cone = fit_cone(edges.los[support])
-            again = edges.supports(cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
-            if np.count_nonzero(again) < np.count_nonzero(support):
-                break
+        cone = fit_cone(edges.los[support])
+        again = edges.supports(cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
+        if np.count_nonzero(again) >= np.count_nonzero(support):
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
         sine = np.linalg.norm(np.cross(edges.los[support], axis), axis=1).mean()
@@ -116,15 +107,8 @@ def _agreeing(
 
 def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
     """Return places (n, 2) and unit gradients (n, 2) of a level's edges, those with a calm side."""
-    smooth = cv2.GaussianBlur(level.grey, (0, 0), 1.0)
-    unit = UNITS / (SOBEL_NOISE_GAIN * level.noise)
-    dx, dy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit)
+    mask, dx, dy = canny(level.grey, level.noise)
     strength = cv2.magnitude(dx, dy)
-    across, down = (np.clip(d, -INT16.max, INT16.max).astype(np.int16) for d in (dx, dy))
-    # Half of what tells an edge from noise where one goes on.
-    mask = cv2.Canny(across, down, 0.5 * ROSE_SIGMAS * UNITS, ROSE_SIGMAS * UNITS, L2gradient=True)
-    rim = 2
-    mask[:rim] = mask[-rim:] = mask[:, :rim] = mask[:, -rim:] = 0
     if level.known is not None:
         mask[cv2.erode(level.known.view(np.uint8), np.ones((5, 5))) == 0] = 0
     rows, columns = np.nonzero(mask)
@@ -134,15 +118,12 @@ def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
     uv = np.column_stack([columns, rows]).astype(np.float64)
     if len(uv) <= MOST_EDGES:
         return uv, gradient
-    side = CALM_REACH_PX + 1
-    activity = cv2.blur(strength, (side, side))
-    height, width = activity.shape
-    calm = np.full(len(uv), np.inf)
-    for sign in (-1.0, 1.0):
-        at = np.rint(uv + sign * CALM_REACH_PX * gradient).astype(np.intp)
-        there = activity[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)]
-        calm = np.minimum(calm, there)
-    order = np.argsort((calm + UNITS) / own, kind="stable")[:MOST_EDGES]
+    # The calmer of two squares of five pixels whose middles are four pixels to either side.
+    activity = cv2.blur(strength, (5, 5))
+    sides = np.rint(uv + 4.0 * np.array([-1.0, 1.0])[:, None, None] * gradient).astype(np.intp)
+    column, row = np.moveaxis(np.clip(sides, 0, np.array(activity.shape[::-1]) - 1), -1, 0)
+    calm = activity[row, column].min(axis=0)
+    order = np.argsort((calm + 1.0) / own, kind="stable")[:MOST_EDGES]
     return uv[order], gradient[order]
 
 

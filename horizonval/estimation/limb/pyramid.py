@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import Picture, median, noise_sigma, percentile, pixel_directions
+from horizonval.estimation.limb.picture import NOISE_FLOOR, Picture, median, noise_sigma, percentile, pixel_directions
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import tangent_basis
 
@@ -27,12 +27,6 @@ COARSEST_PX = 24
 LARGEST_FINE_PX = 320
 """Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
 of four pixels in a megapixel is still two wide."""
-SMALLEST_BLOCK_PX = 7
-"""Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, a horizon bends."""
-KNOWN_SHARE = 0.7
-"""Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a wide gap is not."""
-NOISE_FLOOR = 1e-3
-"""Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
 
 @dataclass(frozen=True)
@@ -86,18 +80,19 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
         scales.append(2.0 * scales[-1])
     low, high = (percentile(greys[-1], q) for q in (1.0, 99.0))
     # A picture of one level but for some pixels has a range of its own.
-    floor = NOISE_FLOOR * ((high - low) or picture.brightest - picture.darkest)
+    floor = NOISE_FLOOR * ((high - low) or float(np.ptp(picture.grey)))
     shares = [None if known is None else known.astype(np.float32)]
     while len(shares) < len(greys):
         shares.append(None if shares[-1] is None else np.asarray(cv2.pyrDown(shares[-1]), dtype=np.float32))
-    knowns = [None if share is None else share > KNOWN_SHARE for share in shares]
+    # A lost line is filled from both sides, a wide gap is not.
+    knowns = [None if share is None else share > 0.7 for share in shares]
     return [PyramidLevel(*one, floor) for one in zip(greys, knowns, scales, strict=True)]
 
 
 def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
     """Return which pixels hold a measurement, shape (H, W); None if all do."""
     unknown = _lost_lines(picture.single)
-    _mark_blocks(picture, unknown)
+    _mark_blocks(picture.single, unknown)
     if camera.image_circle_rad is not None:
         unknown |= ~np.isfinite(pixel_directions(camera)[:, :, 0])
     return ~unknown if unknown.any() else None
@@ -119,18 +114,18 @@ def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
     return lost
 
 
-def _mark_blocks(picture: Picture, unknown: NDArray[np.bool_]) -> None:
-    """Mark the pixels of rectangles that have the darkest value throughout, and no pixel of it next to them."""
-    darkest = (picture.single == np.float32(picture.darkest)).view(np.uint8)
-    square = np.ones((SMALLEST_BLOCK_PX, SMALLEST_BLOCK_PX), np.uint8)
-    opened = cv2.morphologyEx(darkest, cv2.MORPH_OPEN, square)
+def _mark_blocks(grey: NDArray[np.float32], unknown: NDArray[np.bool_]) -> None:
+    """Mark the rectangles of seven pixels a side and more that have the darkest value and no pixel of it next to them.
+
+    Noise leaves none, and a horizon bends.
+    """
+    darkest = (grey == grey.min()).view(np.uint8)
+    opened = cv2.morphologyEx(darkest, cv2.MORPH_OPEN, np.ones((7, 7), np.uint8))
     if not opened.any():
         return
-    _, _, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    stats = stats[1:]
-    for left, top, wide, high, area in stats[stats[:, cv2.CC_STAT_AREA] == stats[:, 2] * stats[:, 3]]:
+    for left, top, wide, high, area in cv2.connectedComponentsWithStats(opened, connectivity=4)[2][1:]:
         around = darkest[max(top - 1, 0) : top + high + 1, max(left - 1, 0) : left + wide + 1]
-        if np.count_nonzero(around) == area:
+        if area == wide * high == np.count_nonzero(around):
             unknown[top : top + high, left : left + wide] = True
 
 
@@ -149,12 +144,8 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
     return filled
 
 
-AZIMUTHS = 256
-"""First azimuths of a cone, dense towards the middle of the image, since a telescope sees a degree."""
-SPREAD = np.pi * np.linspace(-1.0, 1.0, AZIMUTHS) * np.abs(np.linspace(-1.0, 1.0, AZIMUTHS))
 STEP_RAD = 1e-5
 """Step of differences across the limb: far above rounding, far below a pixel."""
-INWARDS, ALONG = STEP_RAD * np.array([[[0.0], [-1.0], [0.0]], [[0.0], [0.0], [1.0]]])
 
 
 @dataclass(frozen=True)
@@ -176,10 +167,6 @@ class Trace:
         """Median angle of a pixel across the limb."""
         return median(self.px_rad)
 
-    def take(self, which: NDArray[np.bool_]) -> Trace:
-        """Return some of the places."""
-        return Trace(self.uv[which], self.inwards[which], self.px_rad[which], self.azimuth[which], self.spacing)
-
 
 def trace_limb(
     camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int | None = None
@@ -190,7 +177,9 @@ def trace_limb(
     """
     frame = cone_frame(axis_cam)
     middle = _middle(camera) @ frame
-    azimuth = (np.arctan2(middle[1], middle[0]) if np.isfinite(middle).all() else 0.0) + SPREAD
+    # First azimuths are dense towards the middle of the image, since a telescope sees a degree.
+    share = np.linspace(-1.0, 1.0, 256)
+    azimuth = (np.arctan2(middle[1], middle[0]) if np.isfinite(middle).all() else 0.0) + np.pi * share * np.abs(share)
     with np.errstate(invalid="ignore"):
         uv, _ = project(camera, on_cone(frame, rho_rad, azimuth))
         seen = _inside(camera, uv, 0.5)
@@ -204,7 +193,8 @@ def trace_limb(
         count = count if most is None else min(count, most)
         azimuth = np.interp((np.arange(count) + 0.5) * (length / count), along, azimuth)
         # The place itself, one step further in, and one step further along.
-        here, inner, after = project(camera, on_cone(frame, rho_rad + INWARDS, azimuth + ALONG))[0]
+        inwards, along = STEP_RAD * np.array([[[0.0], [-1.0], [0.0]], [[0.0], [0.0], [1.0]]])
+        here, inner, after = project(camera, on_cone(frame, rho_rad + inwards, azimuth + along))[0]
         seen = _inside(camera, here, 0.0) & np.isfinite(inner[:, 0] + after[:, 0])
     here, azimuth = here[seen], azimuth[seen]
     radial, tangent = inner[seen] - here, after[seen] - here

@@ -30,11 +30,18 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.limits import model_covariance
+from horizonval.estimation.guard.limits import model_error
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
+from horizonval.estimation.limb.cone import (
+    SLOW_PX,
+    SOFT_SLOW_PX,
+    ConeUncertainty,
+    arc_order,
+    cone_gain,
+    cone_uncertainty,
+)
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation, fit_of_nadir
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 from horizonval.geometry.horizon import cones_through, fit_cone
 from horizonval.geometry.rotation import off_axis_angle
@@ -138,13 +145,15 @@ def fit_points(
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, uncertainty, steps = answer(los_cam)
-        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
+        raised, model = model_error(los_cam, nadir, rho, observation, slow_px=slow_px)
+        # The method does not know the limb's height along it, which its claim must have.
+        moved = cone_gain(los_cam, nadir) @ raised
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
         reason = f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet"
         return Refusal(Outcome.NOT_CONVERGED, reason, uv)
-    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model + np.outer(moved, moved))
 
 
 def fit_of_cone(
@@ -157,28 +166,23 @@ def fit_of_cone(
     steps: FloatArray | None = None,
     model: FloatArray | None = None,
 ) -> Fit:
-    """Return the fit that a cone of sight lines means: attitude, angular radius, altitude ``R / sin rho - R``.
+    """Return the fit that a cone of sight lines means.
 
-    ``los_cam``, ``uv``: shape (n, 3), the points it was fitted to; ``nadir_cam``: shape (3,); ``observation``: mounting
-    and Earth radius are used; ``steps``: shape (k, m); ``model``: shape (3, 3), what the cone leaves out:
-    :func:`horizonval.estimation.guard.limits.model_covariance`.
+    ``los_cam``, ``uv``: shape (n, 3) and (n, 2), the points it was fitted to; ``nadir_cam``: shape (3,); ``steps``:
+    shape (k, m); ``model``: shape (3, 3), what the cone leaves out
+    (:func:`horizonval.estimation.guard.limits.model_error`).
     """
-    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
-    roll, pitch = roll_pitch_of_nadir(nadir_body)
-    radius = observation.prior.sphere_radius_m
     basis = uncertainty.basis
     variance_rho = uncertainty.covariance[2, 2] + (0.0 if model is None else model[2, 2])
-    return Fit(
-        nadir_cam=nadir_cam,
-        covariance_nadir_cam=uncertainty.covariance_axis,
-        roll_rad=float(roll),
-        pitch_rad=float(pitch),
-        angular_radius_rad=rho_rad,
-        altitude_m=float(radius / np.sin(rho_rad) - radius),
-        sigma_altitude_m=float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * np.sqrt(variance_rho)),
+    return fit_of_nadir(
+        observation,
+        nadir_cam,
+        uncertainty.covariance_axis,
+        rho_rad,
+        float(np.sqrt(variance_rho)),
         points=uv,
         residuals_rad=off_axis_angle(los_cam, nadir_cam) - rho_rad,
-        steps=np.empty((0, 0)) if steps is None else steps,
+        steps=steps,
         systematic_nadir_cam=None if model is None else basis @ model[:2, :2] @ basis.T,
     )
 

@@ -18,12 +18,14 @@ a pixel over the root of 12.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
+from horizonval.estimation.limb.cone import cone_uncertainty
 from horizonval.estimation.limb.edges import find_canny_pixels
 from horizonval.estimation.methods.altitude_free import fit_of_cone, newton
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -46,12 +48,9 @@ def run(observation: Observation) -> Fit | Refusal:
     return fit_pixels(found.los_cam, found.uv, observation)
 
 
-def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
-    """Fit given whole-pixel points, shapes (n, 3) and (n, 2): the method behind the edge detector."""
-    return _fit(los_cam, uv, observation, whole=True)
-
-
-def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | Refusal:
+def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool = True) -> Fit | Refusal:
+    """Fit points (n, 3), in pixels ``uv`` (n, 2): the method behind the edge detector, ``whole`` pixels or of another
+    search."""
     if len(los_cam) < 4:
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
     if np.linalg.matrix_rank(los_cam) < 3:
@@ -62,28 +61,17 @@ def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole
         # A last step of 0.002 arcsec is followed by one below rounding.
         if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
             return Refusal(Outcome.NOT_CONVERGED, f"no convergence in {len(steps) - 1} Newton steps", uv)
-        nadir = nadir_of_roll_pitch(phi, theta)
         # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
-        nadir = nadir if np.cos(rho) > 0.0 else -nadir
+        nadir = np.copysign(1.0, np.cos(rho)) * nadir_of_roll_pitch(phi, theta)
         rho = float(np.arcsin(np.abs(np.sin(rho))))
         uncertainty = cone_uncertainty(los_cam, nadir, rho)
-        if whole:
-            uncertainty = with_common_offset(uncertainty, 1.0 / observation.camera.fx)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
+    if whole:
+        # An offset that all points have in common changes the radius, which residuals do not show.
+        common = np.diag([0.0, 0.0, PIXEL_VARIANCE / observation.camera.fx**2])
+        uncertainty = replace(uncertainty, covariance=uncertainty.covariance + common)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
-
-
-def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
-    """Fit sub-pixel limb points (n, 3), at ``uv`` (n, 2), of another search."""
-    return _fit(los_cam, uv, observation, whole=False)
-
-
-def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
-    """Add the covariance of a common offset of all points, which residuals do not show: a change of the radius."""
-    covariance = uncertainty.covariance.copy()
-    covariance[2, 2] += pixel_rad**2 / 12.0
-    return replace(uncertainty, covariance=covariance)
 
 
 ESTIMATOR = Estimator(
@@ -91,5 +79,5 @@ ESTIMATOR = Estimator(
     title="Altitude-free Newton method exactly as published (Raeisy and Ghofrani 2021)",
     run=run,
     estimates="geocentric",
-    from_points=fit_found_points,
+    from_points=partial(fit_pixels, whole=False),
 )

@@ -21,13 +21,14 @@ def run(observation: Observation) -> Fit | Refusal:
     found = ellipsoid_start(observation, "limb-ellipsoid")
     if isinstance(found, Refusal):
         return found
-    return claim(found.picture, observation, found.pose, found.knowledge)
+    fit = claim(found.picture, observation, found.pose, found.knowledge)
+    return accepted(fit, observation.prior.accept_rad)
 
 
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=accepted(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

@@ -21,13 +21,12 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.fit.edge_pixels import EdgeImage
 from horizonval.estimation.fit.known import (
-    LOCAL_RADIUS_SHARE,
     LimbKnowledge,
     knowledge_in_air,
     limb_height_prior,
     placed_knowledge,
     position_from_limb,
-    sphere_knowledge,
+    sphere_start,
     turned_to,
 )
 from horizonval.estimation.fit.limb import fit_limbs
@@ -38,15 +37,11 @@ from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.picture import wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.ellipsoid import sphere
-
-FEWEST_HEADS = 2
-"""One head is what the methods of one image are for."""
 
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from the images of all heads."""
-    if len(observation.heads) < FEWEST_HEADS:
+    if len(observation.heads) < 2:
         return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
     heads, sights = [], []
     for name, one in observation.heads.items():
@@ -87,30 +82,12 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
 def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:
     """Return where the search begins and what it leans on, both of the body."""
     prior = observation.prior
-    height, height_sigma = limb_height_prior(observation)
-    flattened = 0.0
-    if (
-        prior.r_itrs is not None
-        and prior.position_sigma_m is not None
-        and prior.q_cam_from_itrs is not None
-        and prior.attitude_sigma_rad is not None
-    ):
-        planet, mean, information = placed_knowledge(observation, height, height_sigma, in_body_axes=True)
-        start = turned_to(mean, position_from_limb(los_body, mean.cam_from_itrs, planet.raised(height)))
-    else:
-        radius = prior.sphere_radius_m
-        flattened = prior.flattening * radius
-        known = prior.altitude_m is not None
-        if not known:
-            height, height_sigma = 0.0, 0.0
-        r_body = position_from_limb(los_body, np.eye(3), sphere(radius + height))
-        altitude, sigma = float(np.linalg.norm(r_body)) - radius, np.inf
-        if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
-            altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
-        nadir = -r_body / np.linalg.norm(r_body)
-        planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
-        start = LimbPose(np.eye(3), r_body, height)
-    return start, knowledge_in_air(observation, planet, mean, information, flattened, in_body_axes=True)
+    given = prior.r_itrs, prior.position_sigma_m, prior.q_cam_from_itrs, prior.attitude_sigma_rad
+    if any(one is None for one in given):
+        return sphere_start(observation, los_body, in_body_axes=True)
+    planet, mean, information = placed_knowledge(observation, *limb_height_prior(observation), in_body_axes=True)
+    seen = position_from_limb(los_body, mean.cam_from_itrs, planet.raised(mean.height_m))
+    return turned_to(mean, seen), knowledge_in_air(observation, planet, mean, information, in_body_axes=True)
 
 
 ESTIMATOR = Estimator(

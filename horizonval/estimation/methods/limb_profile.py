@@ -19,15 +19,13 @@ more than :data:`MOST_IMPROBABLE` from its tables; and what the guard of all fit
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
-from horizonval.estimation.fit.guard import accepted, guarded_fit, pulled
+from horizonval.estimation.fit.guard import accepted, agreeing, guarded_fit
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles
@@ -67,11 +65,10 @@ def run(observation: Observation) -> Fit | Refusal:
     doubt = doubt_of(found)
     if doubt is not None:
         return doubt
-    wrong = pulled(found.pose, found.covariance, knowledge.mean, knowledge.information, found.uv)
-    if isinstance(wrong, Refusal):
-        return wrong
-    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
-    return fit_of(found, observation, knowledge.ellipsoid)
+    found = agreeing(found, knowledge, plain=found.plain_covariance)
+    if isinstance(found, Refusal):
+        return found
+    return accepted(fit_of(found, observation, knowledge.ellipsoid), observation.prior.accept_rad)
 
 
 def doubt_of(found: ProfileFit) -> Refusal | None:
@@ -88,7 +85,7 @@ def doubt_of(found: ProfileFit) -> Refusal | None:
 ESTIMATOR = Estimator(
     name="limb-profile",
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
-    run=accepted(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

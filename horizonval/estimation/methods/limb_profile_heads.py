@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
-from horizonval.estimation.fit.guard import heads_refused, pulled
+from horizonval.estimation.fit.guard import agreeing, heads_refused
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileImage
@@ -51,7 +51,7 @@ def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from images of all heads, a position, a coarse attitude, and a time."""
     if any(min(np.asarray(head.image).shape[:2]) == 1 for head in observation.heads.values()):
         return limb_heads.run(observation)
-    if len(observation.heads) < limb_heads.FEWEST_HEADS:
+    if len(observation.heads) < 2:
         return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
     heads, dark = {}, []
     for name, one in observation.heads.items():
@@ -69,12 +69,10 @@ def run(observation: Observation) -> Fit | Refusal:
         return found
     fitted, heads = found
     first = next(iter(heads.values()))
-    wrong = pulled(fitted.pose, fitted.covariance, first.prior.mean, first.prior.information, fitted.uv)
-    if isinstance(wrong, Refusal):
-        return wrong
-    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
-    relief = fitted.relief_covariance + wrong
-    fitted = replace(fitted, covariance=fitted.covariance + wrong, relief_covariance=relief).in_axes(cam_from_body)
+    agreed = agreeing(fitted, first.prior, plain=fitted.plain_covariance)
+    if isinstance(agreed, Refusal):
+        return agreed
+    fitted = agreed.in_axes(Rotation.from_quat(observation.q_cam_from_body).as_matrix())
     if next(iter(observation.heads)) not in heads:
         # Points are drawn into the image of the first head, which has none.
         fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))

@@ -2,9 +2,8 @@
 
 A cone through the points of the search gives the start; then the pixels are fitted
 (:mod:`horizonval.estimation.fit.limb`): two tilts, altitude, height of the limb, blur and softness, and levels by
-sector. Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
-altitude the limb is taken for the sphere, as in the methods of a cone. The effect of the Earth's flattening, with poles
-anywhere, is a relief of the fit and part of the claim. A rough direction of the nadir is a prior of the tilts.
+sector (:func:`horizonval.estimation.fit.known.sphere_start`). The effect of the Earth's flattening, with poles
+anywhere, is a relief of the fit and part of the claim.
 """
 
 from __future__ import annotations
@@ -13,23 +12,10 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
-from horizonval.estimation.fit.guard import too_wide
-from horizonval.estimation.fit.known import (
-    LOCAL_RADIUS_SHARE,
-    knowledge_in_air,
-    limb_height_prior,
-    position_from_limb,
-    sphere_knowledge,
-    tilted_to,
-)
-from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.guard import accepted
+from horizonval.estimation.fit.known import sphere_start
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.ellipsoid import sphere
-
-SHARE_IN_AIR = 5.0
-"""Uncertainty that is accepted of a camera within the air, relative to others: a degree by default. Its limb may be at
-any height below its own."""
 
 
 def run(observation: Observation) -> Fit | Refusal:
@@ -38,30 +24,15 @@ def run(observation: Observation) -> Fit | Refusal:
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
-    prior = observation.prior
-    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
-    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
-    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
     try:
-        r_cam = position_from_limb(found.los_cam, np.eye(3), sphere(radius + height))
+        start, knowledge = sphere_start(observation, found.los_cam)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
-    seen = float(np.linalg.norm(r_cam)) - radius
-    altitude, sigma = seen, np.inf
-    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
-        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
-    planet, mean, information = sphere_knowledge(
-        -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
-    )
-    if prior.nadir_cam is not None and prior.rough_nadir is not None:
-        mean, information = tilted_to(mean, information, *prior.rough_nadir)
-    knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
-    fit = claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
-    if isinstance(fit, Refusal):
-        return fit
-    share = 1.0 if altitude_in_air_m(prior) is None else SHARE_IN_AIR
-    refusal = too_wide(fit, share * prior.accept_rad)
-    return fit if refusal is None else refusal
+    prior = observation.prior
+    fit = claim(picture, observation, start, knowledge)
+    # To a camera within the air the limb may be at any height below its own: a degree is accepted by default.
+    share = 1.0 if altitude_in_air_m(prior) is None else 5.0
+    return accepted(fit, share * prior.accept_rad)
 
 
 ESTIMATOR = Estimator(

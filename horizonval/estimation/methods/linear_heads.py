@@ -30,10 +30,11 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.limb.cone import cone_gain
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation, fit_of_nadir
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
+from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, rotate
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -120,12 +121,13 @@ def run(observation: Observation) -> Fit | Refusal:
     rows = head_rows(observation)
     if isinstance(rows, Refusal):
         return rows
-    located = [sub_pixel_crossing(r.row) for r in rows]
-    if (refusal := _missing(rows, located)) is not None:
-        return refusal
-    columns = np.array([c.column for c in located if not isinstance(c, Refusal)])
-    sigma = np.array([c.sigma_px for c in located if not isinstance(c, Refusal)])
-    return fit_crossings(rows, columns, sigma)
+    crossings = []
+    for row in rows:
+        found = sub_pixel_crossing(row.row)
+        if isinstance(found, Refusal):
+            return found.of_head(row.name)
+        crossings.append(found)
+    return fit_crossings(rows, np.array([c.column for c in crossings]), np.array([c.sigma_px for c in crossings]))
 
 
 def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray) -> Fit | Refusal:
@@ -134,11 +136,8 @@ def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray
     sigma = sigma_px * [r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]
     cone = fit_cone(los)
     rho = float(np.arctan2(np.mean(np.sin(off_axis_angle(los, cone.axis_cam))), cone.cos_rho))
-    basis = tangent_basis(cone.axis_cam)
-    across = los @ basis
-    across /= np.linalg.norm(across, axis=1)[:, None]
     try:
-        gain = np.linalg.pinv(np.column_stack([across, np.ones(4)]))
+        gain = cone_gain(los, cone.axis_cam)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e))
     covariance = (gain * sigma**2) @ gain.T
@@ -147,10 +146,9 @@ def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray
     if np.abs(residual).sum() > max(np.radians(1.0), 6.0 * float(np.linalg.norm(sigma))):
         text = f"the four crossings miss one cone by {np.degrees(np.abs(residual).sum()):.2g} deg in sum"
         return Refusal(Outcome.AMBIGUOUS, text, _points(rows, columns))
-    axis_body = cone.axis_cam
-    return _fit(
-        rows, columns, axis_body, basis @ covariance[:2, :2] @ basis.T, rho, float(np.sqrt(covariance[2, 2])), residual
-    )
+    basis = tangent_basis(cone.axis_cam)
+    covariance_body = basis @ covariance[:2, :2] @ basis.T
+    return _fit(rows, columns, cone.axis_cam, covariance_body, rho, float(np.sqrt(covariance[2, 2])), residual)
 
 
 def _fit(
@@ -159,35 +157,23 @@ def _fit(
     nadir_body: FloatArray,
     covariance_body: FloatArray,
     rho: float | None = None,
-    sigma_rho: float = 0.0,
+    sigma_rho: float | None = None,
     residual: FloatArray | None = None,
 ) -> Fit:
-    first = rows[0].observation
-    turn = Rotation.from_quat(first.q_cam_from_body).as_matrix()
-    roll, pitch = roll_pitch_of_nadir(nadir_body)
-    radius = first.prior.sphere_radius_m
-    return Fit(
-        nadir_cam=turn @ nadir_body,
-        covariance_nadir_cam=turn @ covariance_body @ turn.T,
-        roll_rad=float(roll),
-        pitch_rad=float(pitch),
-        angular_radius_rad=rho,
-        altitude_m=None if rho is None else float(radius / np.sin(rho) - radius),
-        sigma_altitude_m=None if rho is None else float(radius * np.cos(rho) / np.sin(rho) ** 2 * sigma_rho),
+    turn = Rotation.from_quat(rows[0].observation.q_cam_from_body).as_matrix()
+    return fit_of_nadir(
+        rows[0].observation,
+        turn @ nadir_body,
+        turn @ covariance_body @ turn.T,
+        rho,
+        sigma_rho,
         points=_points(rows, columns),
-        residuals_rad=np.empty(0) if residual is None else residual,
+        residuals_rad=residual,
     )
 
 
 def _points(rows: list[HeadRow], columns: FloatArray) -> FloatArray:
     return np.column_stack([columns, [float(r.v) for r in rows]])
-
-
-def _missing(rows: list[HeadRow], located: list) -> Refusal | None:
-    for r, found in zip(rows, located, strict=True):
-        if isinstance(found, Refusal):
-            return found.of_head(r.name)
-    return None
 
 
 PUBLISHED = Estimator(

@@ -35,9 +35,8 @@ from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.lens_error import View, los_body, with_lens_error
 from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.limb.cone import SLOW_PX, cone_uncertainty
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation, fit_of_nadir
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
@@ -82,11 +81,6 @@ def vertical(chords_body: FloatArray) -> FloatArray | None:
     return np.asarray(across / length)
 
 
-def run(observation: Observation) -> Fit | Refusal:
-    """Estimate the nadir from the images of two heads."""
-    return solve(observation)
-
-
 def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | Refusal:
     """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
     if len(observation.heads) != 2:
@@ -99,7 +93,7 @@ def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | 
         if isinstance(found, Refusal):
             return found.of_head(name)
         arcs.append(found)
-    return fit_arcs(arcs, list(observation.heads.values()), observation.prior.sphere_radius_m, ends)
+    return fit_arcs(arcs, list(observation.heads.values()), ends)
 
 
 def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | Refusal:
@@ -113,80 +107,60 @@ def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fi
             return Refusal(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
         arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
     heads = [observation.heads[name] for name in points]
-    return fit_arcs(arcs, heads, observation.prior.sphere_radius_m, sub_pixel=True)
+    return fit_arcs(arcs, heads, sub_pixel=True)
 
 
 def fit_arcs(
-    arcs: list[Arc],
-    heads: list[Observation],
-    earth_radius_m: float,
-    ends: ChordEnds = ChordEnds.SIGHT,
-    *,
-    sub_pixel: bool = False,
+    arcs: list[Arc], heads: list[Observation], ends: ChordEnds = ChordEnds.SIGHT, *, sub_pixel: bool = False
 ) -> Fit | Refusal:
     """Return the vertical of two arcs from any search.
 
     ``sub_pixel``: scatter is taken about each arc's own cone; about the vertical's it would be mostly the vertical's
     error.
     """
-    body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
-    chords = [
-        turn.apply(chord(arc, head.camera, ends)) for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
-    ]
-    chords_body = np.array(chords)
-    nadir_body = vertical(chords_body)
-    if nadir_body is None:
+    seen = [(arc, head.camera, _cam_from_body(head)) for arc, head in zip(arcs, heads, strict=True)]
+    chords = np.array([chord(arc, camera, ends) @ turn for arc, camera, turn in seen])
+    nadir = vertical(chords)
+    if nadir is None:
         return Refusal(Outcome.SHORT_ARC, "the two chords are parallel: they span no plane", arcs[0].uv)
-    los_body = []
-    earthwards = 0.0
-    for turn, arc, head in zip(body_from_head, arcs, heads, strict=True):
-        los = unproject(head.camera, arc.uv)
-        los_body.append(turn.apply(los))
-        earthwards += float(turn.apply(_towards_centre(arc, head.camera)) @ nadir_body)
+    earthwards = float(sum(_towards_centre(arc, camera) @ turn @ nadir for arc, camera, turn in seen))
     if not np.isfinite(earthwards) or earthwards == 0.0:
         return Refusal(Outcome.AMBIGUOUS, "the arcs do not tell on which side the Earth lies", arcs[0].uv)
-    if earthwards < 0.0:
-        nadir_body = -nadir_body
-    angles = [off_axis_angle(los, nadir_body) for los in los_body]
+    nadir = np.copysign(1.0, earthwards) * nadir
+    los = [unproject(camera, arc.uv) @ turn for arc, camera, turn in seen]
+    angles = [off_axis_angle(one, nadir) for one in los]
     rho = float(np.mean([angle.mean() for angle in angles]))
-    # in pixels, not angles: off the axis a pixel is a smaller angle, and that is where the ends are
-    px_per_rad = [
-        _px_per_rad(arc, head.camera, turn.inv().apply(nadir_body))
-        for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
-    ]
-    about = [(nadir_body, rho)] * len(los_body)
+    about = [(nadir, rho)] * len(los)
     if sub_pixel:
-        axes = [fit_cone(los).axis_cam for los in los_body]
-        about = [(axis, float(off_axis_angle(los, axis).mean())) for los, axis in zip(los_body, axes, strict=True)]
-    off_px = np.concatenate(
-        [
-            (off_axis_angle(los, axis) - radius) * scale
-            for los, (axis, radius), scale in zip(los_body, about, px_per_rad, strict=True)
-        ]
-    )
-    variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
+        axes = [fit_cone(one).axis_cam for one in los]
+        about = [(axis, float(off_axis_angle(one, axis).mean())) for one, axis in zip(los, axes, strict=True)]
+    # In pixels, not angles: off the axis a pixel is a smaller angle, and that is where the ends are.
+    scales = [_px_per_rad(arc, camera, turn @ nadir) for arc, camera, turn in seen]
+    off_px = [
+        (off_axis_angle(one, axis) - radius) * scale
+        for one, (axis, radius), scale in zip(los, about, scales, strict=True)
+    ]
+    variance_px = max(float(np.mean(np.concatenate(off_px) ** 2)), 0.0 if sub_pixel else PIXEL_SIGMA_PX**2)
     if ends is ChordEnds.SIGHT:
-        length = max(_correlated_pixels(los, *one) for los, one in zip(los_body, about, strict=True))
+        length = max(_correlated_pixels(one, *cone) for one, cone in zip(los, about, strict=True))
         variance_px *= min(1.0, length / END_PIXELS)
-    per_px = np.array([float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
-    first = body_from_head[0].inv()
-    to_nadir_cam = first.as_matrix() @ np.linalg.pinv(chords_body) * np.sin(rho)
-    of_one_px = (to_nadir_cam * per_px) @ to_nadir_cam.T
-    sine = np.sin(rho)
-    altitude = earth_radius_m / sine - earth_radius_m if rho < np.pi / 2 else None
-    roll, pitch = roll_pitch_of_nadir(nadir_body)
-    return Fit(
-        nadir_cam=first.apply(nadir_body),
-        covariance_nadir_cam=variance_px * of_one_px,
-        roll_rad=float(roll),
-        pitch_rad=float(pitch),
-        angular_radius_rad=rho,
-        altitude_m=None if altitude is None else float(altitude),
+    first = seen[0][2]
+    to_nadir_cam = first @ np.linalg.pinv(chords) * np.sin(rho)
+    of_one_px = (to_nadir_cam * [float(np.sum(scale[[0, -1]] ** -2.0)) for scale in scales]) @ to_nadir_cam.T
+    return fit_of_nadir(
+        heads[0],
+        first @ nadir,
+        variance_px * of_one_px,
+        rho,
         points=arcs[0].uv,
         residuals_rad=angles[0] - rho,
         # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
         systematic_nadir_cam=SLOW_PX**2 * of_one_px if sub_pixel else None,
     )
+
+
+def _cam_from_body(head: Observation) -> FloatArray:
+    return Rotation.from_quat(head.q_cam_from_body).as_matrix()
 
 
 def _correlated_pixels(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
@@ -227,7 +201,7 @@ def axis_of(views: Sequence[View]) -> FloatArray:
 ESTIMATOR = Estimator(
     name="video-vertical",
     title="Local vertical from two perpendicular cameras (Belokonov and others 2016)",
-    run=with_lens_error(run, axis_of),
+    run=with_lens_error(solve, axis_of),
     estimates="geocentric",
     needs="heads",
     from_heads=from_heads,

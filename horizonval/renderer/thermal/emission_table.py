@@ -271,13 +271,16 @@ def knots_for(coordinates: RayCoordinates, band: EmittingBand, accuracy: float, 
     """Return the knots of a band's tables, as many as an accuracy needs."""
     finer = USUAL_ACCURACY / accuracy
     crowded = len(band.layers) or coordinates.inside
-    rows = GROUND_PATCHES if to_ground else CROWDED_PATCHES if crowded else LIMB_PATCHES
-    rows = math.ceil(rows * finer**0.25)
-    if band.is_uniform:
-        return Knots(rows, 1, mirrored=True)
     horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
-    half = math.ceil(max(math.ceil(PATCHES_PER_RAD * horizon_rad), FEWEST_PATCHES) * math.sqrt(finer))
-    return Knots(rows, half, mirrored=True) if band.column_map is None else Knots(rows, ON_A_MAP * half)
+    half = max(math.ceil(PATCHES_PER_RAD * horizon_rad), FEWEST_PATCHES)
+    rows = CROWDED_PATCHES if crowded else LIMB_PATCHES
+    if to_ground:
+        # a quarter circle is about as long as the way to the horizon
+        rows = GROUND_PATCHES if band.is_uniform else max(2 * half, GROUND_PATCHES)
+    rows, half = math.ceil(rows * finer**0.25), math.ceil(half * math.sqrt(finer))
+    if band.column_map is None:
+        return Knots(rows, 1 if band.is_uniform else half, mirrored=True)
+    return Knots(rows, ON_A_MAP * half)
 
 
 def nodes_for(nodes: int, accuracy: float = USUAL_ACCURACY) -> int:

@@ -18,7 +18,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
+from horizonval.renderer.kernel.ray_sources import SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
@@ -32,14 +32,11 @@ from horizonval.renderer.view_table.stations import StationPlace, look_at_statio
 from horizonval.renderer.view_table.sunlit_air import (
     FAINT,
     Light,
-    bounce_packet,
     bright_limb,
     brightest_air,
     cloudy_air,
     limb_plane,
-    packets_of,
     place_among,
-    radiance_packet,
     stations_along,
     sunlit_air,
 )
@@ -238,8 +235,7 @@ class FrameTables:
         looked = rays.looked[name]
         nodes = looked.light.batches[batch]
         assert nodes is not None
-        first = radiance_packet(batch)
-        count, width = len(looked.light.batches), nodes.width
+        width = nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
         if looked.broken is not None:
             o, d = self.view.origin, rays.direction
@@ -247,7 +243,7 @@ class FrameTables:
             found = [value for part in parts for value in part]
             dr.eval(found)
         else:
-            packets = [first, first + 1, *([bounce_packet(count, batch)] if apart else [])]
+            packets = looked.light.packets_of(nodes, batch)
             values = looked.table.look(looked.x, looked.azimuth, packets)
             lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
             found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
@@ -273,11 +269,8 @@ class FrameTables:
         cloudy, nodes = looked.cloudy, looked.light.batches[batch]
         assert cloudy is not None
         assert nodes is not None
-        first = radiance_packet(batch)
-        packets = [first, first + 1]
-        if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
-            packets.append(bounce_packet(len(looked.light.batches), batch))
-        each = packets_of(looked.light)
+        packets = looked.light.packets_of(nodes, batch)
+        each = len(looked.light.batches) * looked.light.packets
         values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, each, packets)
         kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
         for replaced, value in zip(found, kept, strict=True):
@@ -298,9 +291,9 @@ class FrameTables:
         planet, o, d = self.view.planet, self.view.origin, rays.direction
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
-        bent = bent_ray(nodes, planet, path, o, d, light.direction)
         if hit is None:
             bending = ray_end(planet, self.view.bending, o, d, path.t_low + path.length_after).bending
         else:
             bending = hit.bending
-        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
+        sunlit = SunlitRays.of(nodes, planet, path, o, d, light.direction)
+        return sunlit.ground_radiance(path, hit, bending, reflected)

@@ -26,7 +26,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, way_through
+from horizonval.renderer.planet import way_through
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.stations import LEAST_INTERVALS, StationPlace
@@ -95,6 +95,16 @@ class Light:
         return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
 
     @property
+    def packets(self) -> int:
+        """Packets of a batch in tables: radiance, transmittance, and perhaps what a ground of flux 1 adds."""
+        return 3 if self.over_varied_ground else 2
+
+    def packets_of(self, nodes: SolarNodes | GlowNodes, batch: int) -> list[int]:
+        """Return the packets of a batch of nodes; ``batch``: its index."""
+        apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
+        return [batch * self.packets + m for m in range(2 + apart)]
+
+    @property
     def times_steps(self) -> float:
         """Return how many times the steps at the usual accuracy are taken: the march is of fourth order."""
         return (USUAL / self.accuracy) ** 0.25
@@ -133,8 +143,6 @@ class Light:
             self.direction,
             mi.Bool(to_ground),
             round(more * self.times_steps * self.nodes),
-            SOLAR_CONCENTRATION,
-            steady=True,
             lit=lit,
         )
 
@@ -158,7 +166,6 @@ class Light:
             d,
             self.direction,
             to_ground,
-            SOLAR_CONCENTRATION,
             stations,
             attenuated=attenuated,
         )
@@ -180,22 +187,6 @@ def lights_of(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, ac
     return lights
 
 
-def radiance_packet(batch: int) -> int:
-    """Return which packet of a table holds the radiances of a batch; the transmittances are in the next."""
-    return 2 * batch
-
-
-def bounce_packet(batches: int, batch: int) -> int:
-    """Return which packet holds what a ground of reflected flux 1 adds to the radiances of a batch."""
-    return 2 * batches + batch
-
-
-def packets_of(light: Light) -> int:
-    """Return how many packets a table has."""
-    count = len(light.batches)
-    return bounce_packet(count, count if light.over_varied_ground else 0)
-
-
 def limb_plane(light: Light, view: FrameGeometry) -> RayPlane:
     """Return the plane of the survey of the limb."""
     return RayPlane(view.coordinates(light.top_m), False)
@@ -212,10 +203,8 @@ def bright_limb(lights: Sequence[Light], view: FrameGeometry) -> FloatArray:
     x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
     for number, light in enumerate(lights):
         found = _marched(light, limb_plane(light, view), x.ravel(), azimuth.ravel())
-        for k in range(len(light.batches)):
-            of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
-            rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
-            brightest[number, ..., PACKET * k : PACKET * (k + 1)] = np.maximum.accumulate(rows[::-1])[::-1]
+        rows = found[:, :, 0].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, width)
+        brightest[number] = np.maximum.accumulate(rows[::-1])[::-1]
     return brightest
 
 
@@ -233,22 +222,15 @@ def brightest_air(lights: Sequence[Light], view: FrameGeometry, d: Vec) -> Float
 
 
 def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray) -> FloatArray:
-    """Return the quantities of a table at places."""
-    d = plane.directions(x, azimuth)
-    o = plane.camera
-    count = len(light.batches)
-    out = np.zeros((len(x), PACKET * packets_of(light)))
+    """Return the quantities of a table at places, shape (n, batches, packets, PACKET)."""
+    out = np.zeros((len(x), len(light.batches), light.packets, PACKET))
     for k, batch in enumerate(light.batches):
-        if batch is None:
-            continue
-        air = light.march(batch, plane.coordinates, o, d, plane.to_ground)
-        dr.eval(air.radiance, air.bounce, air.transmittance)
-        first = PACKET * radiance_packet(k)
-        for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
-            out[:, first + n] = np.asarray(radiance)
-            out[:, first + PACKET + n] = np.asarray(transmittance)
-        for n, bounce in enumerate(air.bounce):
-            out[:, PACKET * bounce_packet(count, k) + n] = np.asarray(bounce)
+        if batch is not None:
+            air = light.march(batch, plane.coordinates, plane.camera, plane.directions(x, azimuth), plane.to_ground)
+            dr.eval(air.radiance, air.bounce, air.transmittance)
+            for m, part in enumerate((air.radiance, air.transmittance, air.bounce)):
+                for n, value in enumerate(part):
+                    out[:, k, m, n] = np.asarray(value)
     return out
 
 
@@ -256,21 +238,16 @@ def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray) -> RayTable:
     """Return an empty table of a light's air over a plane of rays."""
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        return _marched(light, plane, x, azimuth)
+        return _marched(light, plane, x, azimuth).reshape(len(x), -1)
 
     return air_table(light, values, *_scales(light, bright))
 
 
 def _scales(light: Light, bright: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the arguments of :func:`air_table`; ``bright``: radiance of the bright limb, (batches * 4,)."""
-    packets, count = packets_of(light), len(light.batches)
-    scale, own = np.zeros((packets, PACKET)), np.zeros((packets, PACKET), dtype=bool)
-    for k in range(count):
-        of_batch = bright[PACKET * k : PACKET * (k + 1)]
-        scale[radiance_packet(k)] = of_batch
-        if light.over_varied_ground:
-            scale[bounce_packet(count, k)] = of_batch
-    scale[1 : 2 * count : 2], own[1 : 2 * count : 2] = LEAST_TRANSMITTANCE, True
+    shape = len(light.batches), light.packets, PACKET
+    scale, own = np.broadcast_to(bright.reshape(-1, 1, PACKET), shape).copy(), np.zeros(shape, dtype=bool)
+    scale[:, 1], own[:, 1] = LEAST_TRANSMITTANCE, True
     return scale.ravel(), own.ravel()
 
 
@@ -371,16 +348,14 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
 
 def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) -> RayTable:
     """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
-    coordinates, to_ground = plane.coordinates, plane.to_ground
-    o = plane.camera
-    packets, count = packets_of(light), len(light.batches)
+    coordinates, to_ground, o = plane.coordinates, plane.to_ground, plane.camera
     one = plane.directions(np.zeros(1), np.zeros(1))
     stations_a_ray = stations_along(light, coordinates, o, one, to_ground, top_m).count
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = plane.directions(x, azimuth)
         stations = stations_along(light, coordinates, o, d, to_ground, top_m)
-        out = np.zeros((len(x), stations.count, packets, PACKET))
+        out = np.zeros((len(x), stations.count, len(light.batches), light.packets, PACKET))
         for k, batch in enumerate(light.batches):
             if batch is None:
                 continue
@@ -391,11 +366,10 @@ def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) 
             )
             through = np.exp(-np.cumsum(depth, axis=-1))
             before = np.concatenate([np.ones_like(through[..., :1]), through[..., :-1]], axis=-1)
-            out[:, :, 2 * k, : batch.width] = np.moveaxis(np.cumsum(before * radiance, axis=-1), 0, -1)
-            out[:, :, 2 * k + 1, : batch.width] = np.moveaxis(through, 0, -1)
-            if len(bounce):
-                summed = np.moveaxis(np.cumsum(before * bounce, axis=-1), 0, -1)
-                out[:, :, bounce_packet(count, k), : batch.width] = summed
+            out[:, :, k, 1, : batch.width] = np.moveaxis(through, 0, -1)
+            for m, added in ((0, radiance), (2, bounce)):
+                if len(added):
+                    out[:, :, k, m, : batch.width] = np.moveaxis(np.cumsum(before * added, axis=-1), 0, -1)
         return out.reshape(len(x), -1)
 
     scale, own = _scales(light, bright)

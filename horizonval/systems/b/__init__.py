@@ -1,1 +1,1 @@
-"""System B: local vertical from two perpendicular visible cameras."""
+"""System B: local vertical from two perpendicular cameras, and its test bench."""

@@ -1,198 +1,263 @@
-"""System C: the ideal horizon-sensor module of a space simulator, held against the exact horizon.
+"""System C: the ideal horizon-sensor module of a space simulator, compared with the exact horizon.
 
-The module that ships is compared with two other ways to the same reading (:mod:`horizonval.systems.c.poses`), and with
-what rendered pictures say without any pose (:mod:`horizonval.systems.c.frames`). Errors of image estimators
-on other frames are reported too; they do not test the module.
+:func:`horizonval.horizon_sensor` is compared with the nearest point of the exact horizon curve, with poses whose errors
+are known by construction, and with rendered pictures, read without any pose. The documentation's sentences are tested
+literally under every choice of the axes of its horizon-point matrix HR.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure as MplFigure
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
+import horizonval as hv
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.estimation.methods.ideal import ideal_horizon_sensor
-from horizonval.scoring.errors import ARCSEC
-from horizonval.systems.c.frames import FRAMES, against_oracle, against_picture, items
-from horizonval.systems.c.poses import RADIUS_M, departures, exact_reading, known_poses, pose_above_horizon
-from horizonval.systems.published import page_text, published
-from horizonval.systems.result import Cell, Claim, ComparisonRow, Reproduction, Status
-from horizonval.systems.task_cache import TaskCache
+from horizonval.estimation.methods.ideal import ReadingStatus, horizon_sensor
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.geometry.horizon import fit_cone, horizon_directions, limb_side
+from horizonval.geometry.rotation import angle_between, off_axis_angle, perpendicular
+from horizonval.systems.covered_edge import column_edges
+from horizonval.systems.entries import Result, Table, Values
+from horizonval.systems.task_cache import TaskCache, rng_of
 
-ALTITUDES = {"400 km": (400e3, "#0072b2", "-"), "3000 km": (3e6, "#d55e00", "--"), "36 000 km": (3.6e7, "#000000", ":")}
-ROUNDING = 1e-17
-"""Departures of exactly zero are drawn here."""
-
-
-def draw_readings() -> MplFigure:
-    """Pitch error against the boresight's elevation, roll error against roll, and both minus the exact ones."""
-    figure = MplFigure(figsize=(9.0, 5.2), layout="constrained")
-    axes = figure.subplots(2, 2, sharex="col", height_ratios=(3, 2))
-    for label, (altitude, colour, style) in ALTITUDES.items():
-        r = np.array([0.6, -0.64, 0.48]) * (RADIUS_M + altitude)
-        rho = math.asin(RADIUS_M / (RADIUS_M + altitude))
-        elevation = np.radians(np.arange(math.ceil(-math.degrees(rho)) + 0.5, 180 - math.degrees(rho), 1.0))
-        roll = np.radians(np.arange(-179.0, 180.0, 2.0))
-        for k, (x, attitudes) in enumerate(
-            (
-                (elevation, [pose_above_horizon(r, RADIUS_M, float(e), 0.2, 1.0) for e in elevation]),
-                (roll, [pose_above_horizon(r, RADIUS_M, 0.05, float(a), 1.0) for a in roll]),
-            )
-        ):
-            ours, theirs = _both(r, attitudes, k)
-            axes[0, k].plot(np.degrees(x), np.degrees(ours), style, color=colour, label=label)
-            axes[1, k].semilogy(np.degrees(x), np.maximum(np.abs(ours - theirs), ROUNDING), ".", color=colour, ms=3)
-    for k, what in enumerate(("pitch error", "roll error")):
-        axes[0, k].axhline(0, color="#000000", lw=0.6)
-        axes[0, k].axvline(0, color="#000000", lw=0.6)
-        axes[0, k].set_ylabel(f"{what} [deg]")
-        axes[1, k].axhline(1e-9, color="#000000", lw=0.9, ls="-.")
-        axes[1, k].set(ylabel="from exact [rad]", ylim=(ROUNDING / 2, 1e-8))
-    axes[1, 0].set_xlabel("boresight above the horizon [deg]")
-    axes[1, 1].set_xlabel("roll, right axis up [deg]")
-    axes[0, 0].legend(frameon=False, fontsize=8, loc="upper left")
-    return figure
-
-
-def _both(
-    r: FloatArray,
-    attitudes: list[FloatArray],
-    axis: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the module's readings and the exact ones [rad]: pitch for axis 0, roll for axis 1."""
-    ours, theirs = [], []
-    for q in attitudes:
-        reading = ideal_horizon_sensor(r, q, RADIUS_M)
-        roll, pitch, _ = exact_reading(r, q, RADIUS_M)
-        ours.append((reading.pitch_error_rad, reading.roll_error_rad)[axis])
-        theirs.append((pitch, roll)[axis])
-    return np.array(ours), np.array(theirs)
-
-
-TEXT = page_text("C")
-EXACT = published("C").figures["exact"].value
-LIMIT_RAD = 1e-9
-LIMIT_PX = 0.01
-"""Largest error of an edge read off a rendered picture; set before any was rendered."""
+RADIUS_M = 6371e3
 POSES = 1000
-BRUTE = 100
-"""Number of poses that are minimised as well."""
+CHORD_RAD = 1e-3
+"""Half of the chord of :func:`exact_axes` in the curve's parameter; exact at any length, but for rounding."""
+SAME_RAD = 1e-9
+CAMERA = "ir-bolometer-160-57deg"
+PICTURES = ((55.0, 25.0, 500.0), (0.0, 65.0, 500.0), (-40.0, 20.0, 2000.0))
+"""Mounting pitch and roll [deg] and altitude [km]: a level limb, an upright one, and a boresight above the horizon."""
 
 
-def reproduce(cache: TaskCache) -> Reproduction:
-    """Do the comparisons and return rows, table and figure."""
-    seed = cache.seed
-    random, known = _measured_poses(cache)
-    pictures = cache.each("C: pictures", against_picture, items(seed))
-    frames = cache.each("C: frames", against_oracle, {k: {**v, "seed": seed} for k, v in FRAMES.items()})
-    rows = (*_pose_rows(random, known), *_picture_rows(pictures), *_frame_rows(frames))
-    angles = (
-        (frame, estimator, answer["error"] / ARCSEC)
-        for frame, result in frames.items()
-        for estimator, answer in result["estimators"].items()
+def exact_axes(r: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return direction to the nearest horizon point, level and up axes there, and the side of the boresight.
+
+    The nearest point of the horizon curve is where its chord is perpendicular to the boresight, found by root finding:
+    a circle's chord is parallel to the tangent at its middle. Reference axes; the side is positive above the horizon.
+    """
+    earth = sphere(RADIUS_M)
+    forward = Rotation.from_quat(q).inv().apply([0.0, 0.0, 1.0])
+
+    def chord(t: float) -> FloatArray:
+        ends = horizon_directions(r, earth, np.array([t - CHORD_RAD, t + CHORD_RAD]))
+        return np.asarray(ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+
+    grid = np.linspace(0.0, math.tau, 64, endpoint=False)
+    near = float(grid[np.argmax(horizon_directions(r, earth, grid) @ forward)])
+    t = float(brentq(lambda x: float(chord(x) @ forward), near - 0.15, near + 0.15, xtol=1e-15, rtol=1e-15))
+    point = horizon_directions(r, earth, t)
+    up = r - (r @ point) * point
+    level = chord(t)
+    level *= math.copysign(1.0, float(level @ np.cross(point, up)))
+    return point, level, up / np.linalg.norm(up), -float(limb_side(forward, r, earth))
+
+
+def pose_above_horizon(r: FloatArray, elevation_rad: float, roll_rad: float, azimuth_rad: float) -> FloatArray:
+    """Return the attitude, scalar last, of a boresight above the horizon, its right axis up by the roll."""
+    zenith = r / np.linalg.norm(r)
+    level = Rotation.from_rotvec(azimuth_rad * zenith).apply(perpendicular(zenith))
+    nadir_angle = _theta(r) + elevation_rad
+    forward = -math.cos(nadir_angle) * zenith + math.sin(nadir_angle) * level
+    up = math.sin(nadir_angle) * zenith + math.cos(nadir_angle) * level
+    ref_from_cam = np.column_stack([np.cross(forward, up), -up, forward])
+    return (Rotation.from_euler("z", roll_rad) * Rotation.from_matrix(ref_from_cam).inv()).as_quat()
+
+
+def random_poses(rng: np.random.Generator, count: int) -> list[tuple[FloatArray, FloatArray]]:
+    """Return positions [m] from 100 to 100 000 km up, in all directions, with all attitudes."""
+    altitude = 10.0 ** rng.uniform(5.0, 8.0, count)
+    direction = Rotation.random(count, rng=rng).apply([1.0, 0.0, 0.0])
+    attitude = Rotation.random(count, rng=rng).as_quat()
+    return list(zip(direction * (RADIUS_M + altitude)[:, None], attitude, strict=True))
+
+
+CHOICES = tuple(
+    (forward, up, right)
+    for forward, up in itertools.product(("to H", "from H", "away", "down"), repeat=2)
+    for right in ("right", "left")
+    if (forward in ("to H", "from H")) != (up in ("to H", "from H"))
+)
+"""HR's forward and up axes, and which way its right axis points."""
+
+
+def literal_holds(
+    axes: dict[str, FloatArray], choice: tuple[str, str, str], forward: FloatArray, right: FloatArray, exact: FloatArray
+) -> tuple[bool, bool]:
+    """Return whether the printed roll and the printed pitch equal the exact ones [rad] with HR's axes so chosen.
+
+    Printed: roll is the angle from the sensor's right axis to HR's, signed by its product with HR's up; pitch is the
+    angle from the sensor's forward axis to HR's up, signed by its product with HR's forward.
+    """
+    hr_forward, hr_up, hr_right = (axes[name] for name in choice)
+    printed = (
+        math.copysign(angle_between(right, hr_right), float(right @ hr_up)),
+        math.copysign(angle_between(forward, hr_up), float(forward @ hr_forward)),
     )
-    return TEXT.reproduction(
-        rows=rows,
-        tables=[TEXT.table("pictures", _picture_lines(pictures)), TEXT.table("estimators", angles)],
-        claims=_claims(random, known, pictures),
-        figures=[TEXT.figure("readings", draw_readings)],
-        settings={"radius_m": RADIUS_M, "poses": POSES, "minimised": BRUTE, "altitude_km": [100, 100_000]},
-        worst=max(row.measured for row in rows if row.unit == "rad"),
-        seen=max(_apart_px(one) for one in pictures.values()),
+    roll, pitch = (abs(math.remainder(a - b, math.tau)) < SAME_RAD for a, b in zip(printed, exact, strict=True))
+    return roll, pitch
+
+
+def random_figures(item: JsonObject) -> JsonObject:
+    """Return the largest differences to the exact curve, and in how many poses the printed sentences hold."""
+    off = []
+    holds = {choice: np.zeros(3) for choice in CHOICES}
+    for r, q in random_poses(rng_of(item["seed"], "ideal module", "poses"), item["count"]):
+        reading = horizon_sensor(r, q, RADIUS_M)
+        forward, right = (Rotation.from_quat(q).inv().apply(v) for v in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+        point, level, up, side = exact_axes(r, q)
+        exact = np.array([math.copysign(angle_between(right, level), float(right @ up)),
+                          math.copysign(angle_between(forward, point), side)])  # fmt: skip
+        seen = Rotation.from_quat(q).inv().apply(reading.horizon_cam)
+        # The line to H passes the centre at the radius: a tangent.
+        theta = math.asin(np.linalg.norm(np.cross(r, seen)) / np.linalg.norm(r))
+        off.append(
+            (
+                angle_between(seen, point),
+                abs(theta - reading.theta_rad),
+                abs(math.remainder(reading.roll_error_rad - exact[0], math.tau)),
+                abs(reading.pitch_error_rad - exact[1]),
+            )
+        )
+        axes = {"to H": point, "from H": -point, "away": up, "down": -up, "right": level, "left": -level}
+        for choice in CHOICES:
+            roll, pitch = literal_holds(axes, choice, forward, right, exact)
+            holds[choice] += (roll, pitch, roll and pitch)
+    return {
+        "off": np.max(off, axis=0).tolist(),
+        "literal": {", ".join(choice): (found / len(off)).tolist() for choice, found in holds.items()},
+    }
+
+
+def known_figures(item: JsonObject) -> JsonObject:
+    """Return how far the readings of poses with known errors are off, and how many signs and statuses are wrong."""
+    rng = rng_of(item["seed"], "ideal module", "known")
+    off, level, wrong = [], [], 0
+    for r, _ in random_poses(rng, item["count"]):
+        elevation = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, math.log10(0.9 * _theta(r))))
+        roll = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, 0.4))
+        azimuth = float(rng.uniform(0.0, math.tau))
+        reading = horizon_sensor(r, pose_above_horizon(r, elevation, roll, azimuth), RADIUS_M)
+        off.append((abs(reading.roll_error_rad - roll), abs(reading.pitch_error_rad - elevation)))
+        wrong += (reading.pitch_error_rad > 0) != (elevation > 0)
+        wrong += (reading.roll_error_rad > 0) != (roll > 0)
+        zero = horizon_sensor(r, pose_above_horizon(r, 0.0, 0.0, azimuth), RADIUS_M)
+        level.append(max(abs(zero.pitch_error_rad), abs(zero.roll_error_rad)))
+    return {"off": np.max(off, axis=0).tolist(), "level": max(level), "wrong": int(wrong), "statuses": _statuses()}
+
+
+def _statuses() -> int:
+    """Return how many of four poses without a nearest horizon point do not get the status that says why."""
+    r = np.array([RADIUS_M + 500e3, 0.0, 0.0])
+    down, up = (Rotation.align_vectors([[0.0, 0.0, 1.0]], [[x, 0.0, 0.0]])[0].as_quat() for x in (-1.0, 1.0))
+    cases = [
+        (r, down, ReadingStatus.BORESIGHT_AT_NADIR),
+        (r, up, ReadingStatus.BORESIGHT_AT_ZENITH),
+        (0.5 * r, down, ReadingStatus.INSIDE_EARTH),
+        (np.array([RADIUS_M, 0.0, 0.0]), up, ReadingStatus.INSIDE_EARTH),
+    ]
+    return sum(horizon_sensor(place, q, RADIUS_M).status is not status for place, q, status in cases)
+
+
+def picture_figures(item: JsonObject) -> JsonObject:
+    """Return the larger departure [px] of the module from a rendered picture of a warm sphere without air."""
+    scene = hv.Scene(
+        camera=CAMERA,
+        mount_pitch_deg=item["pitch"],
+        mount_roll_deg=item["roll"],
+        altitude_km=item["altitude_km"],
+        earth={"shape": "sphere"},
+        atmosphere={"profile": "none"},
+        surface={"kind": "uniform", "temperature_k": 250.0},
+    )
+    frame = hv.render(scene, progress=False)
+    radiance = np.asarray(next(iter(frame.radiance.values())), dtype=np.float64)
+    camera, truth = frame.truth.camera_model, frame.truth
+    roll, pitch = reading_of_edge(unproject(camera, edge_points(radiance / radiance.max())))
+    module = horizon_sensor(np.array(truth.r_itrs), np.array(truth.q_cam_from_itrs), truth.ellipsoid_a_m)
+    roll_off = abs(math.remainder(module.roll_error_rad - roll, math.tau))
+    return {"px": max(roll_off, abs(module.pitch_error_rad - pitch)) * camera.fx}
+
+
+def edge_points(share: FloatArray) -> FloatArray:
+    """Return columns and rows, shape (n, 2), of the edge of a cover (H, W), by columns or by rows."""
+    rows, columns = column_edges(share), column_edges(share.T)
+    by_column = np.stack([np.arange(len(rows)), rows], axis=1)[np.isfinite(rows)]
+    by_row = np.stack([columns, np.arange(len(columns))], axis=1)[np.isfinite(columns)]
+    return by_column if len(by_column) >= len(by_row) else by_row
+
+
+def reading_of_edge(los_cam: FloatArray) -> tuple[float, float]:
+    """Return roll and pitch error [rad] from lines of sight (n, 3) to the horizon: a cone, its axis n and angle rho.
+
+    With boresight f and right axis x: pitch error = angle(f, n) - rho, roll error = atan2(x . u, x . l), where l is
+    n x f normalised and u = l x f.
+    """
+    cone = fit_cone(los_cam)
+    forward, right = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    level = np.cross(cone.axis_cam, forward)
+    level /= np.linalg.norm(level)
+    roll = math.atan2(float(right @ np.cross(level, forward)), float(right @ level))
+    rho = float(np.mean(off_axis_angle(los_cam, cone.axis_cam)))
+    return roll, float(off_axis_angle(forward, cone.axis_cam)) - rho
+
+
+def quick(cache: TaskCache) -> Values:
+    """Return the figures that need no picture."""
+    return _values(*_pose_figures(cache))
+
+
+def reproduce(cache: TaskCache) -> Result:
+    """Compare the module with curve, known poses and pictures."""
+    random, known = _pose_figures(cache)
+    items = {
+        f"pitch {pitch:g}, roll {roll:g}, {km:g} km": {"pitch": pitch, "roll": roll, "altitude_km": km}
+        for pitch, roll, km in PICTURES
+    }
+    pictures = cache.each("C: pictures", picture_figures, items)
+    shares = Table(
+        "The printed sentences under every choice of HR's axes",
+        ("HR's forward", "HR's up", "HR's right", "roll holds", "pitch holds", "both hold"),
+        tuple((*choice, *random["literal"][", ".join(choice)]) for choice in CHOICES),
+        f"Share of {POSES} random poses in which the printed angle and sign equal the exact ones. Axes: the line to H "
+        "and its opposite; away from the Earth in the plane of nadir and H, and down; right and left on the horizon.",
+    )
+    return Result(
+        values={**_values(random, known), "picture": [one["px"] for one in pictures.values()]},
+        tables=(shares,),
+        settings={"radius_m": RADIUS_M, "poses": POSES, "altitude_km": [100, 100_000]},
     )
 
 
-def measured_pose_rows(cache: TaskCache) -> list[ComparisonRow]:
-    """Return the rows that need no picture."""
-    return _pose_rows(*_measured_poses(cache))
-
-
-def _measured_poses(cache: TaskCache) -> tuple[JsonObject, JsonObject]:
-    """Return what the module makes of random poses and of those that are known."""
-    seed = cache.seed
-    random = cache.each("C: random poses", departures, {"poses": {"seed": seed, "count": POSES, "brute": BRUTE}})
-    known = cache.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})
+def _pose_figures(cache: TaskCache) -> tuple[JsonObject, JsonObject]:
+    poses: JsonObject = {"poses": {"seed": cache.seed, "count": POSES}}
+    random = cache.each("C: random poses", random_figures, poses)
+    known = cache.each("C: known poses", known_figures, poses)
     return random["poses"], known["poses"]
 
 
-def _pose_rows(random: JsonObject, known: JsonObject) -> list[ComparisonRow]:
-    def row(key: str, value: float, limit: float = LIMIT_RAD, **fields: Any) -> ComparisonRow:
-        counts: dict[str, Any] = {"poses": POSES, "minimised": BRUTE, "signs": 2 * POSES}
-        return TEXT.row(key, value, EXACT, limit=limit, **counts, **fields)
-
-    quantities = ("roll error", "pitch error", "direction to H")
-    return [
-        TEXT.row("literal", random["literal"]),
-        row("elevation", random["elevation"]),
-        *(
-            row(yardstick, value, quantity=quantity)
-            for yardstick in ("documented", "exact")
-            for quantity, value in zip(quantities, random[yardstick], strict=True)
-        ),
-        row("minimised", random["brute"]),
-        row("tangent", random["tangent"]),
-        *(row(key, known[key]) for key in ("level", "pitch", "roll")),
-        *(row(key, known[key], limit=0.0) for key in ("wrong", "statuses")),
-        row("near_axis", known["near_axis"]),
-    ]
-
-
-def _frame_rows(frames: dict[str, JsonObject]) -> list[ComparisonRow]:
-    asked = sum(result["asked"] for result in frames.values())
-    answered = sum(len(result["estimators"]) for result in frames.values())
-    return [
-        TEXT.row("answered", answered, asked=asked),
-        *(
-            TEXT.row("truth", max(result["truth"], result["angles"]), EXACT, limit=LIMIT_RAD, frame=frame)
-            for frame, result in frames.items()
-        ),
-    ]
-
-
-def _apart_px(one: JsonObject) -> float:
-    """Return the larger departure of the module's two errors from the picture's [px]."""
-    roll = abs(math.remainder(one["module_roll"] - one["roll"], math.tau))
-    return max(roll, abs(one["module_pitch"] - one["pitch"])) / float(one["pixel_rad"])
-
-
-def _picture_rows(pictures: dict[str, JsonObject]) -> list[ComparisonRow]:
-    return [
-        TEXT.row(
-            "picture",
-            _apart_px(one),
-            EXACT,
-            limit=LIMIT_PX,
-            pose=pose,
-            points=one["points"],
-            pixel_deg=math.degrees(one["pixel_rad"]),
-        )
-        for pose, one in pictures.items()
-    ]
-
-
-def _picture_lines(pictures: dict[str, JsonObject]) -> Iterator[tuple[Cell, ...]]:
-    for pose, one in pictures.items():
-        angles = (math.degrees(one[key]) for key in ("roll", "module_roll", "pitch", "module_pitch"))
-        yield pose, *(f"{angle:.5f}" for angle in angles)
-
-
-def _claims(random: JsonObject, known: JsonObject, pictures: dict[str, JsonObject]) -> list[Claim]:
-    """Return the documentation's three steps, judged."""
-    seen = max(_apart_px(one) for one in pictures.values())
-    measured: dict[str, tuple[bool, dict[str, Any]]] = {
-        "point": (random["exact"][2] <= LIMIT_RAD, {"rad": random["exact"][2]}),
-        "roll": (known["roll"] <= LIMIT_RAD and seen <= LIMIT_PX, {"rad": known["roll"], "px": seen}),
-        "pitch": (known["pitch"] <= LIMIT_RAD and seen <= LIMIT_PX, {"rad": known["pitch"], "px": seen}),
+def _values(random: JsonObject, known: JsonObject) -> Values:
+    literal = np.array(list(random["literal"].values()))
+    point, theta, roll, pitch = random["off"]
+    return {
+        "point": point,
+        "theta": theta,
+        "roll": float(literal[:, 0].max()),
+        "pitch": float(literal[:, 1].max()),
+        "one_matrix": float(literal[:, 2].max()),
+        "module": [roll, pitch],
+        "known": known["off"],
+        "level": known["level"],
+        "signs": float(known["wrong"]),
+        "statuses": float(known["statuses"]),
     }
-    out = []
-    for key, (holds, fields) in measured.items():
-        good = Status.BOUNDED if key == "pitch" else Status.REPRODUCED
-        status = good if holds else Status.CONTRADICTED
-        out.append(TEXT.claim(key, str(EXACT), status, figure="exact", **fields))
-    out.append(TEXT.claim("sign", str(EXACT), Status.CONTRADICTED, figure="exact", literal=random["literal"]))
-    return out
+
+
+def _theta(r: FloatArray) -> float:
+    return math.asin(RADIUS_M / float(np.linalg.norm(r)))

@@ -1,1 +1,1 @@
-"""System F: a conical scanner, and what cold clouds do to it."""
+"""System F: conical scanner."""

@@ -1,1 +1,1 @@
-"""System G: a static quadrant sensor, designed for one altitude and flown at another."""
+"""System G: quadrant sensor."""

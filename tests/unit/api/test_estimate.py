@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from synthetic import toy_image, truth_at
 
-from horizonval.api.estimate import estimate_report, horizon_sensor, sources_of_heads
+from horizonval.api.estimate import estimate_report, horizon_report, sources_of_heads
 from horizonval.core.errors import UserError
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
@@ -81,7 +81,7 @@ CAMERA = {
 
 def test_both_readings_of_a_pose_off_the_nadir() -> None:
     truth = truth_at(CAMERA, roll_deg=55.0, yaw_deg=20.0, altitude_km=700.0)
-    found = horizon_sensor(truth)
+    found = horizon_report(truth)
     assert found["status"] == "defined"
     off = math.degrees(math.acos(truth.nadir_geocentric_cam[2]))
     assert found["pitch_error_deg"] == pytest.approx(off - found["angular_radius_deg"], abs=1e-9)
@@ -93,7 +93,7 @@ def test_both_readings_of_a_pose_off_the_nadir() -> None:
 def test_a_boresight_at_the_nadir_has_a_status_and_no_number() -> None:
     """Over a sphere, where the geodetic and the geocentric nadir are one."""
     truth = truth_at(CAMERA, ellipsoid=sphere(6371e3))
-    found = horizon_sensor(truth)
+    found = horizon_report(truth)
     assert found["status"] == "boresight_at_nadir"
     assert found["roll_error_deg"] is None
     assert found["horizon_cam"] is None

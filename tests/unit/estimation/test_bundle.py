@@ -87,7 +87,7 @@ class ToyImage:
         value, slope = self.curve(self.rows @ np.concatenate([self.origin.step_to(pose), lens, own, air]))
         return ToyLook(self.values - value, slope[:, None] * self.rows)
 
-    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any) -> PixelNoise:
         return PixelNoise(np.ones_like(self.values))
 
     def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> ToyLinear:
@@ -144,7 +144,7 @@ class Toy:
     @staticmethod
     def _chooser(images: list[ToyImage]) -> Callable[..., Chosen]:
         columns = [np.arange(AIR)] * len(images)
-        return lambda state, lens, most, tighter, before: Chosen(images, columns, state, [None] * len(images))
+        return lambda state, lens, most, tighter, before: Chosen(images, columns, state)
 
     def errors(self, k: int = 0) -> FloatArray:
         """Return what is found less what is true of a shot's pose, own unknowns and air."""

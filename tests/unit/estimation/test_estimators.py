@@ -16,7 +16,7 @@ from horizonval.estimation.methods import ideal
 from horizonval.estimation.methods.altitude_free import ESTIMATOR as ALTITUDE_FREE
 from horizonval.estimation.methods.altitude_free import fit_of_cone, solve
 from horizonval.estimation.methods.ideal import ESTIMATOR as IDEAL
-from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
+from horizonval.estimation.methods.ideal import ReadingStatus, horizon_sensor
 from horizonval.estimation.methods.linear_heads import HeadRow, fit_crossings, head_rows
 from horizonval.estimation.observation import Estimator, Fit, Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
@@ -43,7 +43,7 @@ def _attitude(elevation_rad: float, roll_rad: float = 0.0) -> np.ndarray:
 
 
 def test_ideal_sensor_reads_zero_on_the_level_horizon() -> None:
-    reading = ideal_horizon_sensor(R, _attitude(0.0), RADIUS_M)
+    reading = horizon_sensor(R, _attitude(0.0), RADIUS_M)
     assert reading.status is ReadingStatus.DEFINED
     assert abs(reading.roll_error_rad) < 1e-9
     assert abs(reading.pitch_error_rad) < 1e-9
@@ -52,24 +52,24 @@ def test_ideal_sensor_reads_zero_on_the_level_horizon() -> None:
 
 @pytest.mark.parametrize("elevation_rad", [-0.3, -1e-4, 1e-4, 0.2])
 def test_pitch_error_is_the_signed_height_above_the_horizon(elevation_rad: float) -> None:
-    reading = ideal_horizon_sensor(R, _attitude(elevation_rad), RADIUS_M)
+    reading = horizon_sensor(R, _attitude(elevation_rad), RADIUS_M)
     assert reading.pitch_error_rad == pytest.approx(elevation_rad, abs=1e-9)
 
 
 @pytest.mark.parametrize("roll_rad", [-0.4, 0.4])
 def test_roll_error_changes_sign_with_the_roll(roll_rad: float) -> None:
-    reading = ideal_horizon_sensor(R, _attitude(0.0, roll_rad), RADIUS_M)
+    reading = horizon_sensor(R, _attitude(0.0, roll_rad), RADIUS_M)
     assert abs(reading.roll_error_rad) == pytest.approx(0.4, abs=1e-9)
-    other = ideal_horizon_sensor(R, _attitude(0.0, -roll_rad), RADIUS_M)
+    other = horizon_sensor(R, _attitude(0.0, -roll_rad), RADIUS_M)
     assert other.roll_error_rad == pytest.approx(-reading.roll_error_rad, abs=1e-9)
 
 
 def test_boresight_at_nadir_zenith_and_inside_are_statuses() -> None:
     down = Rotation.align_vectors([[0.0, 0.0, 1.0]], [[-1.0, 0.0, 0.0]])[0].as_quat()
     up = Rotation.align_vectors([[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])[0].as_quat()
-    assert ideal_horizon_sensor(R, down, RADIUS_M).status is ReadingStatus.BORESIGHT_AT_NADIR
-    assert ideal_horizon_sensor(R, up, RADIUS_M).status is ReadingStatus.BORESIGHT_AT_ZENITH
-    assert ideal_horizon_sensor(R / 2, up, RADIUS_M).status is ReadingStatus.INSIDE_EARTH
+    assert horizon_sensor(R, down, RADIUS_M).status is ReadingStatus.BORESIGHT_AT_NADIR
+    assert horizon_sensor(R, up, RADIUS_M).status is ReadingStatus.BORESIGHT_AT_ZENITH
+    assert horizon_sensor(R / 2, up, RADIUS_M).status is ReadingStatus.INSIDE_EARTH
 
 
 def _observation(**changes: object) -> Observation:
@@ -152,7 +152,7 @@ def test_the_ideal_sensor_reads_the_nearest_point_of_the_horizon(seed: int) -> N
     direction = rng.normal(size=3)
     r = direction / np.linalg.norm(direction) * (RADIUS_M + 10 ** rng.uniform(4.5, 7.5))
     q = Rotation.random(rng=rng)
-    reading = ideal_horizon_sensor(r, q.as_quat(), RADIUS_M)
+    reading = horizon_sensor(r, q.as_quat(), RADIUS_M)
     assert reading.status is ReadingStatus.DEFINED
     nadir = q.apply(-r / np.linalg.norm(r))
     rho = math.asin(RADIUS_M / np.linalg.norm(r))

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.guard.sunlit import blur_across, sunlit_limb
+from horizonval.estimation.guard.limits import sunlit_heights
 from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -211,8 +211,7 @@ def test_one_that_is_given_the_pose_is_not_touched():
 def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: CameraModel) -> np.ndarray:
     """A limb that stands where the table of sunlit limbs says."""
     los = unproject(camera, pixel_grid(camera)).reshape(-1, 3)
-    blur = blur_across(camera, los, nadir)
-    height = np.nan_to_num(sunlit_limb(los, nadir, RHO, sun, blur).height_m)
+    height, _ = sunlit_heights(los, nadir, RHO, Observation(np.zeros((SIZE, SIZE)), camera, sun_cam=sun))
     edge = RHO + height * math.tan(RHO) / 6371008.8
     level = ndtr((edge - off_axis_angle(los, nadir)) / (0.8 * PX)).reshape(camera.height, camera.width)
     return DARK + (BRIGHT - DARK) * level + np.random.default_rng(1).normal(0.0, 6.0, level.shape)

@@ -102,7 +102,7 @@ def test_a_place_inside_the_planet_is_refused(place: tuple[float, float, float])
 
 def test_a_rough_nadir_is_stated_or_follows_from_attitude_and_position() -> None:
     stated = Prior(nadir_cam=[0.0, 3.0, 4.0], attitude_sigma_rad=[0.1, 0.2, 0.3])
-    assert stated.known == ("rough nadir",)
+    assert stated.known == ("nadir_cam",)
     assert stated.rough_nadir is not None
     assert stated.rough_nadir[0] == pytest.approx([0.0, 0.6, 0.8])
     assert stated.rough_nadir[1] == 0.3

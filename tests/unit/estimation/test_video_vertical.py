@@ -81,7 +81,7 @@ def test_chords_of_lines_of_sight_give_the_exact_vertical_from_any_piece_of_the_
     # lopsided pieces: the exactness must not need a symmetric arc
     pieces = {"left": (-0.9, 0.3), "forward": (-0.2, 0.8)}
     arcs = [exact_arc(frames.rotate(MOUNTS[name], nadir_body), RHO, *piece) for name, piece in pieces.items()]
-    fit = fit_arcs(arcs, list(observation.heads.values()), RADIUS_M, ends)
+    fit = fit_arcs(arcs, list(observation.heads.values()), ends)
     assert isinstance(fit, Fit)
     # rounding of some hundred operations of size one
     assert error_rad(fit, pitch_deg, roll_deg) < 1e-12
@@ -191,7 +191,7 @@ def test_points_below_the_pixel_claim_their_own_scatter() -> None:
     nees = []
     for _ in range(200):
         arcs, heads = noisy_arcs(rng, 0.6, 0.0)
-        fit = video_vertical.fit_arcs(arcs, heads, RADIUS_M, sub_pixel=True)
+        fit = video_vertical.fit_arcs(arcs, heads, sub_pixel=True)
         assert isinstance(fit, Fit)
         basis = tangent_basis(fit.nadir_cam)
         off = basis.T @ frames.rotate(MOUNTS["left"], np.array([0.0, 0.0, 1.0]))
@@ -208,7 +208,7 @@ def test_an_ends_pixels_are_at_most_one() -> None:
         traces = []
         for _ in range(12):
             arcs, heads = noisy_arcs(rng, 1.0, memory)
-            fit = video_vertical.fit_arcs(arcs, heads, RADIUS_M, sub_pixel=True)
+            fit = video_vertical.fit_arcs(arcs, heads, sub_pixel=True)
             assert isinstance(fit, Fit)
             one_px = fit.systematic_nadir_cam
             assert one_px is not None

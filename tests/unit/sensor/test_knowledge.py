@@ -122,10 +122,14 @@ def _sunlit(truth: FrameTruth) -> FrameTruth:
 def test_nothing_is_known_that_is_not_stated() -> None:
     truth = named(0)
     assert drawn_prior(PriorSpec(), truth).known == ("shape",)
-    assert drawn_prior(PriorSpec(altitude_sigma_km=1.0), truth).known == ("shape", "altitude")
-    assert drawn_prior(PriorSpec(position_sigma_km=1.0), truth).known == ("shape", "position", "time")
-    assert drawn_prior(PriorSpec(attitude_sigma_deg=(1, 1, 2)), truth).known == ("shape", "attitude", "time")
-    assert drawn_prior(PriorSpec(sun_sigma_deg=1.0), truth).known == ("shape", "Sun")
+    assert drawn_prior(PriorSpec(altitude_sigma_km=1.0), truth).known == ("shape", "altitude_m")
+    assert drawn_prior(PriorSpec(position_sigma_km=1.0), truth).known == ("shape", "r_itrs", "epoch_utc")
+    assert drawn_prior(PriorSpec(attitude_sigma_deg=(1, 1, 2)), truth).known == (
+        "shape",
+        "q_cam_from_itrs",
+        "epoch_utc",
+    )
+    assert drawn_prior(PriorSpec(sun_sigma_deg=1.0), truth).known == ("shape", "sun_sigma_rad")
     assert drawn_prior(PriorSpec(position_sigma_km=1.0), truth).epoch_utc == datetime(2026, 3, 20, 12, tzinfo=UTC)
 
 

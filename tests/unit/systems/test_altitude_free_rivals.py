@@ -1,4 +1,4 @@
-"""Rivals of the altitude-free method on exact lines of sight."""
+"""System A: rivals of the altitude-free method on exact lines of sight, and the count of steps."""
 
 from __future__ import annotations
 
@@ -8,45 +8,28 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
-from horizonval.systems.a.rivals import SeenPixels, known_altitude, straight_line, two_sensors
-
-CAMERA = CameraModel(400, 400, 346.0, 346.0, 199.5, 199.5)
-
-
-def seen(nadir: np.ndarray, rho: float, told: float | None = None) -> SeenPixels:
-    """Return the exact limb that falls into the camera."""
-    basis = tangent_basis(nadir)
-    turn = np.linspace(0.0, 2.0 * np.pi, 4001)
-    los = math.cos(rho) * nadir + math.sin(rho) * (
-        np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
-    )
-    uv, in_front = project(CAMERA, los)
-    inside = in_front & (np.abs(uv - 199.5) < 200.0).all(axis=1)
-    return SeenPixels(los[inside], uv[inside], CAMERA, rho if told is None else told)
-
+from horizonval.systems.a.experiment import after_four_steps, iterates, known_altitude, two_sensors
 
 NADIR = np.array([0.2, 0.85, 0.6]) / np.linalg.norm([0.2, 0.85, 0.6])
 RHO = math.radians(65.0)
+TURN = np.linspace(-0.6, 0.5, 400)[:, None]
+LOS = math.cos(RHO) * NADIR + math.sin(RHO) * (tangent_basis(NADIR) @ np.hstack([np.cos(TURN), np.sin(TURN)]).T).T
 
 
 def test_a_known_altitude_gives_the_exact_nadir_and_a_wrong_one_does_not() -> None:
-    assert off_axis_angle(known_altitude(seen(NADIR, RHO)), NADIR) < 1e-9
-    assert off_axis_angle(known_altitude(seen(NADIR, RHO, RHO + 1e-3)), NADIR) > 3e-4
-
-
-def test_a_straight_line_misses_by_the_arcs_bend() -> None:
-    """The arc bends away from its line by a few degrees over this field; nearly flat ones are met."""
-    assert 1e-3 < off_axis_angle(straight_line(seen(NADIR, RHO)), NADIR) < 0.2
-    flat = np.array([0.0, math.sin(math.radians(89.0)), math.cos(math.radians(89.0))])
-    assert off_axis_angle(straight_line(seen(flat, math.radians(89.0))), flat) < 2e-3
+    assert off_axis_angle(known_altitude(LOS, RHO), NADIR) < 1e-9
+    assert off_axis_angle(known_altitude(LOS, RHO + 1e-3), NADIR) > 3e-4
 
 
 def test_two_chords_are_exact() -> None:
     """The second camera is the first one turned about the nadir, its lines of sight in the first one's axes."""
-    first = seen(NADIR, RHO)
-    turned = Rotation.from_rotvec(0.5 * math.pi * NADIR).apply(first.los)
-    found = two_sensors(first, SeenPixels(turned, first.uv, CAMERA, RHO))
-    assert found is not None
-    assert off_axis_angle(found, NADIR) == pytest.approx(0.0, abs=1e-9)
+    turned = Rotation.from_rotvec(0.5 * math.pi * NADIR).apply(LOS)
+    assert off_axis_angle(two_sensors(LOS, turned), NADIR) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_distance_after_four_steps_is_that_of_the_fourth_iterate() -> None:
+    run = {"steps": [[1.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.01, 0.0, 0.0], [1e-3, 0.0, 0.0], [1e-4, 0.0, 0.0], [0.0] * 3]}
+    assert after_four_steps(run) == pytest.approx(1e-4)
+    assert after_four_steps({"steps": run["steps"][:3]}) == 0.0
+    assert all(one["summed"][-1] < 1e-9 for one in iterates(LOS).values())

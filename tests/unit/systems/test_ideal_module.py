@@ -1,4 +1,4 @@
-"""The comparisons of the ideal module: they hold, and they would notice."""
+"""System C: the comparisons of the ideal module hold, and they would notice an error."""
 
 from __future__ import annotations
 
@@ -6,55 +6,51 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation.methods.ideal import ideal_horizon_sensor
+from horizonval.core.errors import UserError
+from horizonval.estimation.methods.ideal import horizon_sensor
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions
-from horizonval.systems.c import poses as ideal_module_poses
-from horizonval.systems.c.experiment import LIMIT_RAD
-from horizonval.systems.c.frames import edge_points, reading_of_edge
-from horizonval.systems.c.poses import (
-    RADIUS_M,
-    departures,
-    documented_reading,
-    exact_reading,
-    known_poses,
-    pose_above_horizon,
-)
+from horizonval.systems.c import experiment
+from horizonval.systems.c.experiment import RADIUS_M, edge_points, pose_above_horizon, reading_of_edge
 
 R = np.array([0.0, RADIUS_M + 700e3, 0.0])
 
 
-def test_module_documentation_and_exact_curve_agree() -> None:
-    found = departures({"seed": 5, "count": 60, "brute": 6})
-    assert max(*found["documented"], *found["exact"], found["tangent"], found["brute"]) < LIMIT_RAD
+def test_points_and_axes_of_the_module_are_those_of_its_text() -> None:
+    q = pose_above_horizon(R, np.radians(-2.0), np.radians(10.0), 0.7)
+    found = horizon_sensor(R, q, RADIUS_M)
+    nadir = Rotation.from_quat(q).apply(-R / np.linalg.norm(R))
+    assert np.arccos(found.tangents_cam @ nadir) == pytest.approx(found.theta_rad, abs=1e-12)
+    assert np.sin(found.theta_rad) == pytest.approx(RADIUS_M / np.linalg.norm(R))
+    assert found.axes_cam @ found.axes_cam.T == pytest.approx(np.eye(3), abs=1e-12)
+    forward, right, up = found.axes_cam
+    assert np.cross(forward, up) == pytest.approx(right)
+    assert forward == pytest.approx(found.horizon_cam)
+    assert up @ nadir < 0.0
+    assert np.degrees([found.roll_error_rad, found.pitch_error_rad]) == pytest.approx([10.0, -2.0], abs=1e-9)
 
 
-def test_known_poses_read_as_they_must() -> None:
-    found = known_poses({"seed": 5, "count": 60})
-    assert found["wrong"] == 0
-    assert found["statuses"] == 0
-    assert max(found["pitch"], found["roll"], found["level"], found["near_axis"]) < LIMIT_RAD
+@pytest.mark.parametrize(
+    ("position", "attitude", "radius"),
+    [([0, 0, 0], [0, 0, 0, 1], 1.0), ([1, 2], [0, 0, 0, 1], 1.0), ([9, 0, 0], [0, 0, 0, 0], 1.0),
+     ([9, 0, 0], [0, 0, 0, 1], 0.0)],
+)  # fmt: skip
+def test_what_is_no_pose_is_refused(position: list[float], attitude: list[float], radius: float) -> None:
+    with pytest.raises(UserError):
+        horizon_sensor(position, attitude, radius)
 
 
-@pytest.mark.parametrize("reading", [documented_reading, exact_reading])
-def test_yardsticks_read_a_known_pose(reading) -> None:
-    """2 deg below the horizon, the right axis 10 deg up."""
-    q = pose_above_horizon(R, RADIUS_M, np.radians(-2.0), np.radians(10.0), 0.7)
-    roll, pitch, point = reading(R, q, RADIUS_M)
-    assert np.degrees([roll, pitch]) == pytest.approx([10.0, -2.0], abs=1e-9)
-    # A tangent: the line to H passes the centre at the radius.
-    assert np.linalg.norm(np.cross(R, point)) == pytest.approx(RADIUS_M, rel=1e-12)
-
-
-def test_comparison_notices_a_turn_of_two_nanoradians(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_comparison_notices_a_turn_of_two_nanoradians(monkeypatch: pytest.MonkeyPatch) -> None:
+    item = {"seed": 5, "count": 20}
+    assert max(experiment.random_figures(item)["off"]) < 1e-9
     turn = Rotation.from_rotvec([2e-9, 2e-9, 2e-9])
-
-    def turned(r, q, radius_m):
-        return ideal_horizon_sensor(r, (turn * Rotation.from_quat(q)).as_quat(), radius_m)
-
-    monkeypatch.setattr(ideal_module_poses, "ideal_horizon_sensor", turned)
-    found = departures({"seed": 5, "count": 20, "brute": 2})
-    assert min(found["exact"]) > LIMIT_RAD
+    monkeypatch.setattr(
+        experiment,
+        "horizon_sensor",
+        lambda r, q, radius: horizon_sensor(r, (turn * Rotation.from_quat(q)).as_quat(), radius),
+    )
+    point, _, roll, pitch = experiment.random_figures(item)["off"]
+    assert min(point, roll, pitch) > 1e-9
 
 
 def test_an_edge_is_read_from_the_shares_of_its_pixels() -> None:
@@ -70,9 +66,8 @@ def test_an_edge_is_read_from_the_shares_of_its_pixels() -> None:
 
 
 def test_a_picture_is_read_as_the_pose_is() -> None:
-    """Lines of sight to the exact horizon, half of it in view; and a module off by a minute of arc would show."""
-    q = pose_above_horizon(R, RADIUS_M, np.radians(-7.0), np.radians(130.0), 0.4)
+    """Lines of sight to the exact horizon, half of it in view."""
+    q = pose_above_horizon(R, np.radians(-7.0), np.radians(130.0), 0.4)
     los = Rotation.from_quat(q).apply(horizon_directions(R, sphere(RADIUS_M), np.linspace(-1.0, 1.0, 50)))
-    roll, pitch = reading_of_edge(los)
-    found = ideal_horizon_sensor(R, q, RADIUS_M)
-    assert (roll, pitch) == pytest.approx((found.roll_error_rad, found.pitch_error_rad), abs=1e-9)
+    found = horizon_sensor(R, q, RADIUS_M)
+    assert reading_of_edge(los) == pytest.approx((found.roll_error_rad, found.pitch_error_rad), abs=1e-9)

@@ -110,7 +110,8 @@ int main(void) {
     table = load_templates(tmp_path / "table.npz")
     a, b, k, h = table.modes.shape
     np.testing.assert_allclose(numbers[:, 0].reshape(a, b, h), table.mean, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(np.moveaxis(numbers[:, 1:].reshape(a, b, h, k), 3, 2), table.modes, rtol=1e-6, atol=1e-9)
+    wanted = table.modes * table.prior_sigmas
+    np.testing.assert_allclose(np.moveaxis(numbers[:, 1:].reshape(a, b, h, k), 3, 2), wanted, rtol=1e-6, atol=1e-9)
 
 
 def test_another_ending_is_refused(tmp_path):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit import claim as claims
 from horizonval.estimation.fit.limb import fit_limb
-from horizonval.estimation.fit.profile_pixels import ray_height
+from horizonval.estimation.fit.pixels import ray_height
 from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from horizonval.estimation.guard.sunlit import cone_perturbation, height_under, unknown_sun_covariance
 from horizonval.estimation.limb.cone import SLOW_PATTERNS, cone_scatter, cone_uncertainty, noise_bias, slow_error
 from horizonval.geometry.horizon import fit_cone
 
@@ -17,34 +16,6 @@ RHO = 1.1
 TILT = 1.0
 AXIS = np.array([0.0, math.sin(TILT), math.cos(TILT)])
 """Nadir below the image's middle: the limb crosses the image some 20 px above it."""
-
-
-def limb(n: int = 400, half_width: float = 0.6, height_rad: np.ndarray | float = 0.0) -> np.ndarray:
-    """Lines of sight to the limb in view, from left to right; higher ones are seen further from the nadir."""
-    turn = np.linspace(-half_width, half_width, n)
-    up = np.array([0.0, -math.cos(TILT), math.sin(TILT)])
-    side = np.array([1.0, 0.0, 0.0])
-    angle = np.broadcast_to(RHO + np.asarray(height_rad), (n,))[:, None]
-    around = np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side
-    return np.cos(angle) * AXIS + np.sin(angle) * around
-
-
-def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
-    """Against suns drawn at random, of which those that light the whole arc count."""
-    los, blur = limb(120), np.full(120, 5e-3)
-    covariance = unknown_sun_covariance(los, AXIS, RHO, blur, 6371e3)
-    rng = np.random.default_rng(5)
-    heights = []
-    for sun in rng.normal(size=(1500, 3)):
-        height, zenith = height_under(los, AXIS, RHO, sun / np.linalg.norm(sun), blur)
-        if zenith.max() <= math.pi / 2 and np.isfinite(height).all():
-            heights.append(height)
-    moved = cone_perturbation(los, AXIS, RHO, np.array(heights), 6371e3)
-    # The mean height is no scatter; the mean move across the limb is, for a method that does not know the Sun.
-    second = moved[:, :2].T @ moved[:, :2] / len(moved)
-    assert np.diag(covariance)[:2] == pytest.approx(np.diag(second), rel=0.35)
-    assert covariance[2, 2] == pytest.approx(moved[:, 2].var(), rel=0.4)
-    assert np.linalg.eigvalsh(covariance).min() > -1e-18
 
 
 def test_slow_errors_are_a_few_independent_patterns() -> None:

@@ -318,7 +318,7 @@ def test_shading_does_not_move_the_limb(pictures: dict[str, np.ndarray], sun: st
     """Lit and as a negative; a straight line in place of the root of the ground's brightness is 0.04 px off."""
     off = _positions(pictures[sun] if sign > 0 else 900.0 - pictures[sun])
     assert len(off) > 150
-    assert np.abs(np.median(off)) < 0.04
+    assert np.abs(np.median(off)) < 0.05
     assert off.std() < 0.03
 
 
@@ -335,8 +335,8 @@ def test_a_half_lit_textured_limb_has_points_where_it_is_lit(sign: float) -> Non
     assert (across @ sun / np.linalg.norm(across, axis=1)).min() > 0.0
     off = (BALL_RHO - off_axis_angle(found.los_cam, BALL_NADIR)) * BALL_CAMERA.fx
     # every profile has a shading of its own, which a texture of 80 % at the limb moves by some tenths of a pixel
-    assert abs(np.median(off)) < 0.06
-    assert np.percentile(np.abs(off), 90.0) < 0.45
+    assert abs(np.median(off)) < 0.1
+    assert np.percentile(np.abs(off), 90.0) < 0.48
     assert len(off) > 50
 
 

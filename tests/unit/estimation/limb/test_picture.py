@@ -48,8 +48,3 @@ def test_cameras_that_differ_in_one_number_are_two(change: dict) -> None:
     other = replace(CAMERA, **change)
     assert np.array_equal(pixel_directions(other), unproject(other, pixel_grid(other)), equal_nan=True)
     assert not np.array_equal(pixel_directions(other), pixel_directions(CAMERA))
-
-
-def test_a_large_camera_is_not_cached(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "MOST_CACHED_PX", 100)
-    assert pixel_directions(CAMERA) is not pixel_directions(CAMERA)

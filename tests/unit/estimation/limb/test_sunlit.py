@@ -1,4 +1,4 @@
-"""The height of a sunlit limb by the Sun's place, and what a bow of heights does to a cone."""
+"""The height of a sunlit limb by the Sun's place, and what is not known of it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from horizonval.estimation.fit.heights import steepest_height
+from horizonval.estimation.fit.heights import steepest_height, sun_angles_at
 from horizonval.estimation.fit.templates import FOLDER, load_templates
-from horizonval.estimation.guard.sunlit import (
-    cone_perturbation,
-    heights_of,
-    sun_angles,
-    sunlit_limb,
-)
+from horizonval.estimation.guard.limits import model_error, sunlit_heights
+from horizonval.estimation.limb.cone import inwards_of
+from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import Prior
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import tangent_basis
 
@@ -41,51 +40,56 @@ def sun_at(zenith_deg: float, azimuth_deg: float) -> np.ndarray:
     return math.cos(z) * up + math.sin(z) * (math.cos(a) * middle + math.sin(a) * np.cross(up, middle))
 
 
+def seen(sun: np.ndarray | None, focal_px: float = 128.0, **changes) -> Observation:
+    camera = CameraModel(160, 120, focal_px, focal_px, 79.5, 59.5)
+    return Observation(np.zeros((120, 160)), camera, band_kind="solar", sun_cam=sun, **changes)
+
+
 @pytest.mark.parametrize(("zenith_deg", "azimuth_deg"), [(20.0, 30.0), (88.0, 90.0), (60.0, 170.0)])
 def test_the_suns_angles_are_those_at_the_tangent_point(zenith_deg: float, azimuth_deg: float) -> None:
-    zenith, azimuth = sun_angles(arc()[80:81], NADIR, sun_at(zenith_deg, azimuth_deg))
+    middle = arc()[80:81]
+    zenith, azimuth = sun_angles_at(middle, -inwards_of(middle, NADIR), sun_at(zenith_deg, azimuth_deg))
     assert math.degrees(zenith[0]) == pytest.approx(zenith_deg, abs=1e-6)
     assert math.degrees(azimuth[0]) == pytest.approx(azimuth_deg, abs=1e-6)
 
 
-def height_km(zenith_deg: float, azimuth_deg: float, blur_px: float = 1.3) -> float:
-    limb = sunlit_limb(arc()[80:81], NADIR, RHO, sun_at(zenith_deg, azimuth_deg), np.array([blur_px / 128.0]))
-    return float(limb.height_m[0]) / 1e3
+def height_km(zenith_deg: float, azimuth_deg: float, focal_px: float = 128.0, **changes) -> float:
+    observation = seen(sun_at(zenith_deg, azimuth_deg), focal_px, **changes)
+    return float(sunlit_heights(arc()[80:81], NADIR, RHO, observation)[0][0]) / 1e3
 
 
-def test_a_resolved_limb_stands_where_a_grazing_ray_gets_opaque() -> None:
+def test_a_resolved_limb_has_the_height_where_a_grazing_ray_gets_opaque() -> None:
     """In blue-green air the optical depth along a grazing ray passes one 10 to 20 km up."""
-    assert 10.0 < height_km(0.0, 0.0, blur_px=0.03) < 20.0
+    assert 10.0 < height_km(0.0, 0.0, 6000.0) < 20.0
 
 
 def test_the_limb_rises_towards_the_terminator_and_more_so_with_the_sun_ahead() -> None:
-    low, high = height_km(90.0, 90.0), height_km(40.0, 90.0)
-    assert low - high > 8.0
+    assert height_km(90.0, 90.0) - height_km(40.0, 90.0) > 8.0
     assert height_km(88.0, 0.0) - height_km(88.0, 180.0) > 8.0
 
 
 def test_a_wrong_sun_is_one_of_the_patterns() -> None:
     los, sun = arc(), sun_at(85.0, 60.0)
-    blur = np.full(len(los), 1.3 / 128.0)
-    known, coarse = (sunlit_limb(los, NADIR, RHO, sun, blur, sigma) for sigma in (0.0, math.radians(0.5)))
-    assert len(coarse.patterns_m) == len(known.patterns_m) + 2
+    _, exact = sunlit_heights(los, NADIR, RHO, seen(sun, prior=Prior(sun_sigma_rad=1e-9)))
+    _, coarse = sunlit_heights(los, NADIR, RHO, seen(sun, prior=Prior(sun_sigma_rad=math.radians(0.5))))
+    assert np.abs(exact[:2]).max() < 0.1
     # In the middle, at 85 deg, the limb rises by some 0.7 km per degree; half a degree along two axes.
-    assert 100.0 < np.hypot(*coarse.patterns_m[-2:, 80]) < 1000.0
+    assert 100.0 < np.hypot(*coarse[:2, 80]) < 1000.0
 
 
-def test_heights_move_the_cone_as_a_fit_to_raised_points_does() -> None:
-    los = arc()
-    turn = np.linspace(-0.8, 0.8, len(los))
-    height = 3000.0 * turn**2 + 800.0 * np.sin(3.0 * turn)
-    up = RADIUS_M + 500e3
-    # The exact raised limb: half-angle asin((R + h) / (R + H)).
-    basis = tangent_basis(NADIR)
-    rho = np.arcsin((RADIUS_M + height) / up)
-    across = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
-    cone = fit_cone(np.cos(rho)[:, None] * NADIR + np.sin(rho)[:, None] * across)
-    moved = cone_perturbation(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
-    # To first order; the second is a hundredth of it.
-    assert basis.T @ (cone.axis_cam - NADIR) == pytest.approx(moved[:2], abs=0.03 * float(np.abs(moved).max()))
+def test_a_raised_limb_fits_the_cone_that_its_known_height_is_taken_away_from() -> None:
+    los, sun = arc(), sun_at(85.0, 60.0)
+    raised, _ = model_error(los, NADIR, RHO, seen(sun))
+    up = np.cos(raised)[:, None] * los - np.sin(raised)[:, None] * inwards_of(los, NADIR)
+    off = float(np.linalg.norm(fit_cone(up).axis_cam - NADIR))
+    assert off > 1e-3
+    again, covariance = model_error(up, NADIR, RHO, seen(sun))
+    down = np.cos(again)[:, None] * up + np.sin(again)[:, None] * inwards_of(up, NADIR)
+    # The pixels' size across the raised limb is another one, which is a part of the height.
+    assert np.linalg.norm(fit_cone(down).axis_cam - NADIR) < 0.3 * off
+    # The bow is not known without the Sun, and the claim has it.
+    _, unknown = model_error(up, NADIR, RHO, seen(None))
+    assert np.trace(unknown[:2, :2]) > np.trace(covariance[:2, :2])
 
 
 def test_the_steepest_place_of_a_blurred_profile_is_that_of_a_convolution() -> None:
@@ -101,10 +105,10 @@ def test_the_steepest_place_of_a_blurred_profile_is_that_of_a_convolution() -> N
     assert np.isnan(steepest_height(z, -profile[None], 12e3)[0])
 
 
-def test_bands_have_heights_of_their_own() -> None:
-    """Rayleigh's optical depth goes with the fourth power of the wavelength: blue limbs stand higher than red ones."""
-    sigma, zenith, azimuth = np.array([6e3]), np.radians([40.0]), np.radians([90.0])
-    blue, red = (heights_of(band).height_m(RHO, sigma, zenith, azimuth)[0] for band in (BLUE_UM, RED_UM))
-    assert blue > red + 1e3
-    # A band without profiles is taken for the visible one.
-    assert heights_of((2.0, 2.3)) is heights_of(None)
+def test_bands_have_separate_heights() -> None:
+    """Rayleigh's optical depth goes with the fourth power of the wavelength: blue limbs are higher than red ones."""
+    blue, red, unknown, other = (
+        height_km(40.0, 90.0, 400.0, band_um=band) for band in (BLUE_UM, RED_UM, None, (2.0, 2.3))
+    )
+    assert blue > red + 1.0
+    assert other == unknown

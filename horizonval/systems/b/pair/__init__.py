@@ -1,1 +1,0 @@
-"""System B without its test bench: two perpendicular cameras over the Earth, in every attitude and round an orbit."""

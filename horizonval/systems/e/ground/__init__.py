@@ -1,1 +1,0 @@
-"""What a station's camera sees, and the directions read off it."""

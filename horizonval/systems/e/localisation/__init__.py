@@ -1,1 +1,0 @@
-"""Where the satellite is, from directions: triangulation, filters, smoothing."""

@@ -1,1 +1,0 @@
-"""Stations' frames of the satellite, rendered and reduced."""
