@@ -92,4 +92,5 @@ def snow_factor(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> Flo
     """Return the radiance of sunlit snow over that of a Lambert surface of the same albedo."""
     nodes = np.linspace(0.0, 1.0, surface.SNOW_NODES)
     mean = np.interp(np.asarray(mu_sun, dtype=np.float64), nodes, surface.mean_snow_reflection())
-    return np.asarray(surface.snow_reflection(mu_sun, mu_view, cosine) / mean)
+    cosines = (np.asarray(mu, dtype=np.float64) for mu in (mu_sun, mu_view, cosine))
+    return np.asarray(surface.snow_reflection(*cosines) / mean)

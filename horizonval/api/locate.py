@@ -89,7 +89,7 @@ def locate(
     times : sequence of n, optional
         Instants, text or ``datetime`` in UTC, rising; for celestial coordinates and for both options below.
     smooth_s : float, optional
-        Standard deviation [s] of a Gaussian mean of each station's directions over time.
+        Standard deviation [s] of a Gaussian mean of each station's directions over time; at most the pass's length.
     forgetting : float, optional
         Forgetting factor, above 0 and at most 1, of an adaptive Kalman filter of the positions (Akhlaghi, Zhou & Huang
         2017); 0.3 is that paper's, 1 adapts nothing. For steps of at most a few seconds.
@@ -122,10 +122,11 @@ def locate(
     for name, value in (("smooth_s", smooth_s), ("forgetting", forgetting)):
         if value is None:
             continue
-        if not 0.0 < value <= (1.0 if name == "forgetting" else np.inf):
-            raise UserError(f"{value:g}", where=name, expected="above 0" + (", at most 1" * (name == "forgetting")))
         if len(seconds) < 3 or not np.isfinite(raw).all():
             raise UserError("too little is measured", where=name, expected="at least 3 instants, all with a position")
+        most = 1.0 if name == "forgetting" else float(np.ptp(seconds))
+        if not 0.0 < value <= most:
+            raise UserError(f"{value:g}", where=name, expected=f"above 0, at most {most:g}")
     if smooth_s is not None:
         steps = np.diff(seconds)
         if np.ptp(steps) > 1e-3 * steps[0] or not np.isfinite(u).all():

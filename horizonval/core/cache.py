@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -54,6 +54,23 @@ def keep_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 def cached_arrays(path: Path, build: Callable[[dict[str, np.ndarray]], T]) -> T | None:
     """Return what ``build`` makes of the arrays in a cache (:func:`array_of`); otherwise as :func:`cached_json`."""
     return _built(path, _arrays, build)
+
+
+@contextlib.contextmanager
+def making(path: Path) -> Iterator[None]:
+    """Hold the making of a cache's file: other processes that want to make it wait, and then find it.
+
+    They must look for the file again inside. Where locks do not work nobody waits, and several make the same file.
+    """
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(ImportError, OSError, UserError):
+            import fcntl
+
+            atomic.make_folder(path.parent)
+            lock = path.with_suffix(".lock")
+            fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
+            held.callback(lock.unlink, missing_ok=True)
+        yield
 
 
 def array_of(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], dtype: type = np.float64) -> Any:

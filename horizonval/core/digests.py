@@ -12,7 +12,8 @@ import numpy as np
 def content_digest(*values: object) -> str:
     """Return the hexadecimal sha256 of numbers, texts, None, arrays, and tuples, lists or dataclasses of these.
 
-    Arrays count with shape, type and bytes, floats with all their digits. Other types raise ``TypeError``.
+    Arrays count with shape, type and bytes, floats with all their digits, and large values that are digested often by
+    their attribute ``content_digest``. Other types raise ``TypeError``.
 
     >>> content_digest((1.0, "a")) == content_digest((1.0, "a"))
     True
@@ -32,6 +33,8 @@ def _update(digest: Any, value: object) -> None:
         array = np.ascontiguousarray(value)
         digest.update(f"array {array.dtype.str} {array.shape}:".encode())
         digest.update(array.data)
+    elif isinstance(known := getattr(value, "content_digest", None), str):
+        digest.update(f"{type(value).__qualname__} {known};".encode())
     elif is_dataclass(value) and not isinstance(value, type):
         digest.update(f"{type(value).__qualname__}:".encode())
         for field in fields(value):

@@ -254,23 +254,6 @@ class _PoseHorizon:
         return inside
 
 
-def horizon_pixels(
-    camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84, n: int = 720
-) -> list[FloatArray]:
-    """Return the horizon inside the image as polylines of at most ``n`` columns and rows, exact to rounding.
-
-    The observer is outside the ellipsoid. The ends lie on the image border; a horizon wholly in view is one polyline
-    whose last point repeats the first. Empty without horizon in view.
-    """
-    view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
-    lines = []
-    for first, last in view.arcs():
-        uv, inside = view.pixels(np.linspace(first, last, n))
-        inside[[0, -1]] = True
-        lines.append(uv[inside])
-    return lines
-
-
 def _crossings(view: _PoseHorizon, axis: int, values: FloatArray) -> FloatArray:
     """Return the other coordinate where the horizon crosses ``uv[axis] = value``: (n, k), rising, NaN-padded."""
     found: list[list[float]] = [[] for _ in values]

@@ -37,6 +37,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import itrs_from_geodetic
 from horizonval.geometry.orbit import GM_M3_PER_S2
 
+_FLOOR_M2 = 1e-4
+"""Variance of 1 cm that the filter adds to a measured position, so that no covariance is singular, and to a motion."""
+
 
 @dataclass(frozen=True)
 class Station:
@@ -113,13 +116,13 @@ def adaptive_filter(times_s: ArrayLike, positions_gcrs: ArrayLike, covariance: A
     """Return filtered positions, shape (n, 3), of measured ones [m].
 
     ``covariance``: of a measured position at the start, shape (3, 3) [m^2]; ``alpha``: forgetting factor in (0, 1]. The
-    filter starts with the first position and its difference to the second, and with 1 cm^2 of noise of the motion.
+    filter starts with the first position and its difference to the second.
     """
     t, y = np.asarray(times_s, float), np.asarray(positions_gcrs, float)
-    r = np.asarray(covariance, float)
+    r = np.asarray(covariance, float) + _FLOOR_M2 * np.eye(3)
     step = t[1] - t[0]
     x = np.concatenate([y[0], (y[1] - y[0]) / step])
-    p, q = np.kron(np.diag([1.0, 2.0 / step**2]), r), 1e-4 * np.eye(6)
+    p, q = np.kron(np.diag([1.0, 2.0 / step**2]), r), _FLOOR_M2 * np.eye(6)
     found = []
     for k in range(len(t)):
         if k:

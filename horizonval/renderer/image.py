@@ -29,7 +29,6 @@ from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
 from horizonval.renderer.local_light import LocalLight
-from horizonval.renderer.planet import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec, constant
@@ -184,7 +183,6 @@ def node_parts(
             light.direction,
             mi.Bool(to_ground),
             light.nodes,
-            SOLAR_CONCENTRATION,
             of_batch(hit),
             factors,
         )

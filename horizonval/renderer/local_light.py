@@ -49,7 +49,7 @@ from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.node_batches import Bounce, Place, SolarNodes
 from horizonval.renderer.kernel.surface import Ground, shares_from_above
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, along, dot, find_path, warp
+from horizonval.renderer.planet import Planet, along, dot, find_path, warp
 from horizonval.renderer.scattering.source_table import LEVELS_M, WAVE_NUMBERS_PER_M, HorizontalTransfer
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values, Vec, Vec3, constant, constant_vector
@@ -280,7 +280,7 @@ def _factors(batch: SolarNodes, plane: RayPlane, ground: GroundLight, light: Vec
     def body(i: mi.UInt32, tau: Values, total: Values, weighted: Values) -> tuple[mi.UInt32, Values, Values, Values]:
         tau, total, weighted = list(tau), list(total), list(weighted)
         y = [dr.clip(low + span / steps * (mi.Float64(i) + k), path.y0, path.y1) for k in (0.0, 0.5, 1.0)]
-        before, t, after = (warp(path, v, SOLAR_CONCENTRATION) for v in y)
+        before, t, after = (warp(path, v) for v in y)
         place = Place.of(planet, batch.grid, o, d, t)
         extinction, scattering = batch.extinction_at(place), batch.scattering_at(place)
         shining = field.mean_radiance(mi.Float32(place.height_m), mi.Float32(dot(place.normal, light)))

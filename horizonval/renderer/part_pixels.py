@@ -2,8 +2,7 @@
 
 On a smooth face of a matt part light changes slowly from pixel to pixel: rays are spent where faces, shadows and
 outlines have edges, and on every :data:`STRIDE` th pixel each way inside. Between those the light is a mean with linear
-weights over nodes on the same face, up to two strides away; where nodes differ by more than :data:`ROUGH` of the
-brightest, or where a pixel has too few of them, it has rays of its own.
+weights over nodes on the same face, up to two strides away; where a pixel has too few of them, it has its own rays.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 
 STRIDE = 4
-ROUGH = 0.08
 FEWEST = 0.3
 """Least sum of the weights of a pixel's nodes, as a share of that far from all edges."""
 TURN_COSINE, OFF_PLANE = np.cos(np.radians(2.5)), 0.06
@@ -92,15 +90,6 @@ class PixelPlan:
         sampled.ravel()[between] = False
         weights = weights[enough] / total[enough][:, None]
         return cls(np.flatnonzero(sampled), between, nodes.reshape(len(row), 16)[enough], weights)
-
-    def rough(self, image: FloatArray) -> NDArray[np.bool_]:
-        """Return which of the pixels between need rays of their own; ``image``: flat, filled where sampled."""
-        if not len(self.between):
-            return np.zeros(0, dtype=bool)
-        values = image[self.nodes]
-        high = np.where(self.weights > 0.0, values, -np.inf).max(axis=1)
-        low = np.where(self.weights > 0.0, values, np.inf).min(axis=1)
-        return np.asarray(high - low > ROUGH * image.max())
 
     def mean(self, image: FloatArray) -> FloatArray:
         """Return the light of the pixels between, shape (m,)."""

@@ -1,40 +1,30 @@
 """Parts laid over a frame: ``L = c L_part + (1 - c) L_earth``, with the exact covered share c of every pixel.
 
-The share is that of the truth (:mod:`horizonval.geometry.part`) and not of the rays that lit the parts.
+The share is that of the truth (:mod:`horizonval.geometry.part`), not of the rays that light the parts.
 
-**Surfaces by name.** Reflectance at a few wavelengths, linear between them and constant beyond. Each is read off
-typical published curves of its kind (Henninger, Solar absorptance and thermal emittance of some common spacecraft
-thermal-control coatings, NASA RP 1121, 1984) with an uncertainty of 0.05: coatings differ from maker to maker, and age.
-Roughness is an assumption. In thermal bands every surface is a grey Lambert one.
+**Surfaces by name** have a reflectance at a few wavelengths, linear between them. It is read off typical published
+curves (Henninger, Solar absorptance and thermal emittance of some common spacecraft thermal-control coatings, NASA RP
+1121, 1984) with an uncertainty of 0.05: coatings differ from maker to maker, and age. Roughness is an assumption. In
+thermal bands every surface is a grey Lambert one.
 
-**Light of parts**, by stock Mitsuba's ``path`` integrator. The scene is metres large, in camera axes with the camera at
-its origin, so that single precision serves. Rays are the camera's rays, spread over each pixel (multi-jittered); a
-pixel's light is the mean over those that meet a part. Pixels that a part covers by a sliver which no ray met take the
-light of the nearest pixel that has some.
+**Light of parts** comes from stock Mitsuba's surfaces, in a scene metres large, in camera axes with the camera at its
+origin, so that single precision serves. Rays are the camera's rays, spread over each pixel; a pixel's light is the mean
+over those that meet a part. Pixels that no ray met take the light of the nearest pixel that has some. Rays go where the
+light changes (:mod:`horizonval.renderer.part_pixels`).
 
-Rays go where the light changes (:mod:`horizonval.renderer.part_pixels`): along edges of faces and shadows, and to every
-fourth pixel of the faces of matt parts.
+- *The Earth and the sky*: each ray is followed from part to part until it leaves for the sky. Where it leaves does not
+  depend on the attitude, so the ways are followed once for a camera and its parts; every frame only reads a map of the
+  sky there. The map is our rendered picture all round from the same place, in longitude and latitude about the nadir,
+  so that the limb runs along a row and is covered exactly. It has neither Sun nor Moon; moonlight is neglected.
+- *Heat* that parts emit, and that other parts reflect, is added along the same ways.
+- *The Sun* is rendered for every frame by Mitsuba's ``path``, dimmed by the share of its disc that the Earth hides and
+  by the air before it, mean over points of the disc along straight rays. It is a disc at infinity of unit irradiance.
+  Stock Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in
+  single precision. Directions are sampled evenly over the disc, in ``1 - cos``, in double precision.
 
-Sunlight and the light of the Earth are rendered separately, so that neither adds noise to the other: under the Sun a
-Lambert panel is noisy by 2e-4 of its light, by an even Earth by 0.1 % (from above) to 1 % (edge-on) of a pixel's with
-256 rays. Light that a metal throws onto another part (a caustic) is noisier. In thermal bands::
-
-    L_part = e B(T) + what the part reflects, with a reflectance of 1 - e, of the Earth
-
-Light goes from part to part, at most :data:`MOST_BOUNCES` times; heat that one part emits and another reflects is
-neglected. Seeds come from a hash of the frame's identity, so that equal frames are equal to the last bit.
-
-**What shines on parts**: the Earth all round, and the Sun through the air before it. The Earth is our rendered picture
-from the same place: a map in longitude and latitude about the nadir, so that the limb runs along a row and is covered
-exactly, from the same tables as the frame. It is a Mitsuba ``envmap``, which is linear between rows from pole
-to pole and between the middles of columns; the map's camera has its pixels at those points. The map excludes the Sun,
-which is a separate light, and the Moon; moonlight on parts is neglected. The Sun's light is dimmed by the share of its
-disc that the Earth hides and by the air before it, mean over points of the disc along straight rays.
-
-**The Sun** is a Mitsuba emitter: a disc at infinity of unit irradiance, which smooth surfaces mirror as a disc. Stock
-Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in single
-precision; a map of the sky cannot hold half a degree. Directions are sampled evenly over the disc, in ``1 - cos``,
-whose small values are computed in double precision.
+Light goes from part to part at most :data:`MOST_BOUNCES` times. Seeds depend on the parts and the camera, so that equal
+frames are equal to the last bit. Noise of a pixel's light on an open Lambert panel is 0.1 to 0.6 % under an even Earth
+with 256 rays, and 2e-4 under the Sun; light that comes from part to part, or from a metal, is noisier.
 """
 
 from __future__ import annotations
@@ -42,7 +32,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -54,6 +44,7 @@ from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError
 from horizonval.earth.spectral.planck import black_body_radiance
 from horizonval.frame import PART_MAP, FrameTruth, Hit, RadianceFrame
@@ -66,10 +57,11 @@ from horizonval.renderer.kernel.frame_geometry import RayCamera
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.part_pixels import STRIDE, Faces, PixelPlan
-from horizonval.renderer.planet import SOLAR_CONCENTRATION
+from horizonval.renderer.planet import dot
 from horizonval.renderer.plugins import CameraSettings, mitsuba_sensor
+from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
-from horizonval.renderer.types import PluginDict
+from horizonval.renderer.types import PluginDict, Vec3, constant_vector, in_single
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import Material, SceneSpec, SpacecraftPart
 from horizonval.truth.frame_truth import part_triangles
@@ -178,7 +170,7 @@ class SkyLight:
     """All light that falls on parts at one place.
 
     ``earth``, ``earth_energy``: radiance by band and energy radiance by solar band, (ROWS, COLUMNS) float32; ``sun``:
-    by solar band; ``itrs_from_map``: (3, 3), from the axes of Mitsuba's ``envmap``.
+    by solar band; ``itrs_from_map``: (3, 3), from the axes of the map's camera, whose y points down.
     """
 
     earth: dict[str, NDArray[np.float32]]
@@ -221,7 +213,7 @@ def sky_light(integrator: Any, r_itrs: FloatArray, film: Any) -> SkyLight:
         {band: np.array(values, dtype=np.float32).reshape(ROWS, COLUMNS) for band, values in images.items()}
         for images in (radiance, energy)
     )
-    return SkyLight(earth, earth_energy, _sunlight(integrator, view), itrs_from_map @ np.diag([1.0, -1.0, -1.0]))
+    return SkyLight(earth, earth_energy, _sunlight(integrator, view), itrs_from_map)
 
 
 def _sunlight(integrator: Any, view: Any) -> dict[str, Sunlight]:
@@ -234,9 +226,7 @@ def _sunlight(integrator: Any, view: Any) -> dict[str, Sunlight]:
     for group, batch in integrator.prepared.batches:
         if not isinstance(batch, SolarNodes):
             continue
-        _, through = march(
-            view.planet, view.top_m, batch, view.origin, d, view.sun, mi.Bool(False), _SUN_NODES, SOLAR_CONCENTRATION
-        )
+        _, through = march(view.planet, view.top_m, batch, view.origin, d, view.sun, mi.Bool(False), _SUN_NODES)
         dr.eval(through)
         for node, t in zip(group, through, strict=False):
             light = sum(a * mu**k for k, a in enumerate(node.limb_darkening)) * np.ones_like(mu)
@@ -265,19 +255,19 @@ def _disc_points(centre: FloatArray, radius_rad: float) -> tuple[FloatArray, Flo
     return d / np.linalg.norm(d, axis=1)[:, None], np.sqrt(1.0 - np.repeat(r, _TURNS) ** 2)
 
 
-def sun_emitter(direction: FloatArray, angular_radius_rad: float) -> Any:
-    """Return the emitter; ``direction``: unit vector towards the Sun's centre in the scene's axes, shape (3,)."""
-    return _plugin(mi.variant())(mi.Properties("part_sun"), direction, angular_radius_rad)
-
-
 @cache
 def _plugin(variant: str) -> type:
     """Return the class for a variant (its base class depends on it)."""
 
     class PartSun(mi.Emitter):
-        def __init__(self, props: mi.Properties, direction: FloatArray, angular_radius_rad: float) -> None:
+        def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
             self.m_flags = +mi.EmitterFlags.Infinite
+            # Mitsuba traces the Suns of all scenes in memory
+            self.put(np.array([0.0, 0.0, 1.0]), 0.005)
+
+        def put(self, direction: FloatArray, angular_radius_rad: float) -> None:
+            """Put the Sun's centre into a direction of the scene, shape (3,)."""
             versine = 2.0 * math.sin(0.5 * angular_radius_rad) ** 2
             x, y, z = (float(c) for c in direction)
             # data, not constants: frames share compiled kernels
@@ -330,10 +320,8 @@ def _plugin(variant: str) -> type:
 MOST_BOUNCES = 5
 LANES = 2**19
 """Rays of one launch."""
-SUN_SHARE = 4
+SUN_SHARE = 7
 """How many times fewer rays the Sun takes than the Earth."""
-ENERGY_SHARE = 16
-"""How many times fewer rays give the ratio of energy radiance to radiance, which hardly varies over the Earth."""
 
 Image = FloatArray
 
@@ -351,145 +339,184 @@ class PartLight:
 class _Centres:
     """What rays through the centres of covered pixels meet, shape (n,).
 
-    ``part``: its number, -1 for none; ``normal``, ``place``: of the face, shape (n, 3); ``lit``: whether the Sun's
-    centre is in sight; ``distance_m``: along the ray.
+    ``part``: its number, -1 for none; ``normal``, ``place``: of the face, shape (n, 3); ``distance_m``: along the ray;
+    ``surface``: the same for Mitsuba.
     """
 
     part: NDArray[np.int64]
     normal: FloatArray
     place: FloatArray
-    lit: NDArray[np.bool_]
     distance_m: FloatArray
+    surface: Any
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """Ways on which light of the sky comes to some ``pixels``, the same number for each.
+
+    ``direction``: into the sky, in camera axes; ``weight``: share of the light that parts hand on, 0 for rays that meet
+    no part; ``met``: of each pixel, how many meet one; ``emitted``: mean radiance that the parts emit along these.
+    """
+
+    pixels: NDArray[np.int64]
+    direction: Vec3[mi.Float32]
+    weight: mi.Float32
+    met: FloatArray
+    emitted: FloatArray
 
 
 @dataclass(frozen=True)
 class PartScene:
-    """Parts before a camera, and what lights them.
+    """Parts before a camera.
 
     ``triangles``: of each part, (n, 3, 3), in camera axes [m]; ``share``: of pixels that parts cover, (H, W);
-    ``samples``: rays per pixel for the light of the Earth; ``identity``: of the frame, for the seeds.
+    ``samples``: rays per pixel for the light of the Earth; ``identity``: for the seeds.
     """
 
     parts: Sequence[SpacecraftPart]
     triangles: Sequence[FloatArray]
     camera: CameraModel
     share: FloatArray
-    sky: SkyLight
-    cam_from_itrs: FloatArray
-    sun_itrs: FloatArray
-    sun_angular_radius_rad: float
     samples: int
     identity: str
+    _scenes: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+    _ways_of: dict[str, list[_Ways]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def covered(self) -> NDArray[np.bool_]:
         """Return the pixels that need light."""
         return self.share > 0.0
 
-    def light(self, bands: Sequence[Band]) -> PartLight:
-        """Return the light of the parts in some bands; ``UserError`` for a BSDF that Mitsuba refuses."""
+    @property
+    def nbytes(self) -> int:
+        """Return the memory of the ways."""
+        return sum(16 * dr.width(part.weight) for ways in self._ways_of.values() for part in ways)
+
+    def light(
+        self, bands: Sequence[Band], sky: SkyLight, cam_from_itrs: FloatArray, sun_itrs: FloatArray, radius_rad: float
+    ) -> PartLight:
+        """Return the light of the parts in some bands; the last two are the Sun's."""
         radiance: dict[str, Image] = {}
         energy: dict[str, Image] = {}
-        few = max(self.samples // SUN_SHARE, 1)
+        map_from_cam = (cam_from_itrs @ sky.itrs_from_map).T
         for band in bands:
+            name = band.name
             if band.kind == "thermal":
-                reflected = self._lit(
-                    [thermal_bsdf(part) for part in self.parts], self._earth(self.sky.earth[band.name])
-                )
-                radiance[band.name] = self._emitted(band) + reflected
-                energy[band.name] = radiance[band.name]
+                own = [emissivity_of(p) * _black(band, p.temperature_k) for p in self.parts]
+                ways = self._ways(name, [thermal_bsdf(part) for part in self.parts], own)
+                radiance[name] = energy[name] = self._sky_light(ways, sky.earth[name], map_from_cam)
                 continue
-            sun = self.sky.sun[band.name]
+            light = sky.sun[name]
             bsdfs = [
-                solar_bsdf(part, sun.wavelength_um, sun.weight, f"part[{i}] ({part.name})")
+                solar_bsdf(part, light.wavelength_um, light.weight, f"part[{i}] ({part.name})")
                 for i, part in enumerate(self.parts, start=1)
             ]
-            total, total_energy = np.zeros(self.covered.shape), np.zeros(self.covered.shape)
-            if sun.irradiance > 0.0:
-                emitter = sun_emitter(self.cam_from_itrs @ self.sun_itrs, self.sun_angular_radius_rad)
-                unit = self._lit(bsdfs, emitter, few, self._sun_plan)
-                total, total_energy = unit * sun.irradiance, unit * sun.energy_irradiance
-            radiant, energetic = self._earthlit(bsdfs, self.sky.earth[band.name], self.sky.earth_energy[band.name])
-            radiance[band.name], energy[band.name] = total + radiant, total_energy + energetic
+            ways = self._ways(name, bsdfs, [0.0] * len(bsdfs))
+            radiance[name] = self._sky_light(ways, sky.earth[name], map_from_cam)
+            energy[name] = self._sky_light(ways, sky.earth_energy[name], map_from_cam)
+            if light.irradiance > 0.0:
+                unit = self._sunlight(name, bsdfs, cam_from_itrs @ sun_itrs, radius_rad)
+                radiance[name] += unit * light.irradiance
+                energy[name] += unit * light.energy_irradiance
         return PartLight(radiance, energy, self._distance_m())
 
-    def _earthlit(
-        self, bsdfs: Sequence[Any], radiance: NDArray[np.float32], energy: NDArray[np.float32]
-    ) -> tuple[Image, Image]:
-        """Return the light of the Earth, as radiance and as energy count it.
+    def _scene(self, band: str, bsdfs: Sequence[Any]) -> tuple[Any, Any]:
+        """Return Mitsuba's scene of a band, and the Sun in it."""
+        if band not in self._scenes:
+            sun = _plugin(mi.variant())(mi.Properties("part_sun"))
+            shapes = {f"part_{i}": _mesh(t, b) for i, (t, b) in enumerate(zip(self.triangles, bsdfs, strict=True))}
+            self._scenes[band] = mi.load_dict({"type": "scene", "light": sun, **shapes}), sun
+        return self._scenes[band]
 
-        Energy is the radiance times their mean ratio, plus the deviation from it along fewer rays, the same for both.
-        """
-        if not radiance.any():
-            return np.zeros(self.covered.shape), np.zeros(self.covered.shape)
-        earth, few = self._earth(radiance), max(self.samples // ENERGY_SHARE, 1)
-        light = self._lit(bsdfs, earth)
-        ratio = float(energy.sum(dtype=np.float64) / radiance.sum(dtype=np.float64))
-        off = self._lit(bsdfs, self._earth(energy), few) - ratio * self._lit(bsdfs, earth, few)
-        return light, np.maximum(ratio * light + off, 0.0)
+    def _ways(self, band: str, bsdfs: Sequence[Any], own: Sequence[float]) -> list[_Ways]:
+        """Return the ways to the pixels of the Earth's plan; ``own``: radiance that each part emits."""
+        scene, _ = self._scene(band, bsdfs)
+        if band not in self._ways_of:
+            by_shape = table_of(mi.Float64, np.array(own)[_numbers_of(scene)])
+            across, pixels = math.isqrt(self.samples - 1) + 1, self._earth_plan.sampled
+            each = max(LANES // across**2, 1)
+            self._ways_of[band] = [
+                self._followed(scene, pixels[first : first + each], across**2, by_shape)
+                for first in range(0, len(pixels), each)
+            ]
+        return self._ways_of[band]
 
-    def _earth(self, radiance: NDArray[np.float32]) -> Any:
-        """Return a map of the sky as an emitter."""
-        to_world = np.eye(4)
-        to_world[:3, :3] = self.cam_from_itrs @ self.sky.itrs_from_map
-        grey = np.ascontiguousarray(np.repeat(radiance[:, :, None], 3, axis=2), dtype=np.float32)
-        return mi.load_dict(
-            {"type": "envmap", "bitmap": mi.Bitmap(grey), "to_world": mi.ScalarTransform4f(to_world.tolist())}
-        )
+    def _followed(self, scene: Any, pixels: NDArray[np.int64], count: int, own: mi.Float64) -> _Ways:
+        """Return the ways of pixels, backwards from the camera until they leave the parts."""
+        sampler = self._sampler(pixels, count)
+        ray, context = self._rays(pixels, count, sampler.next_2d()), mi.BSDFContext()
+        lanes = dr.width(ray.d)
 
-    def _scene(self, bsdfs: Sequence[Any], emitter: Any = None) -> Any:
-        content: dict[str, Any] = {"type": "scene"}
-        for i, (triangles, bsdf) in enumerate(zip(self.triangles, bsdfs, strict=True)):
-            content[f"part_{i}"] = _mesh(triangles, bsdf)
-        if emitter is not None:
-            content["light"] = emitter
-        return mi.load_dict(content)
+        def follow(
+            sampler: Any, ray: Any, weight: mi.Float32, glow: mi.Float64, bounces: mi.UInt32, going: mi.Bool
+        ) -> tuple[Any, ...]:
+            meeting = scene.ray_intersect_preliminary(ray, active=going)
+            meets = meeting.is_valid()
+            si = meeting.compute_surface_interaction(ray, active=meets)
+            glow = dr.fma(mi.Float64(weight), dr.gather(mi.Float64, own, meeting.shape_index, meets), glow)
+            ended = meets & (bounces == MOST_BOUNCES)
+            going = meets & ~ended
+            sample, value = si.bsdf().sample(context, si, sampler.next_1d(going), sampler.next_2d(going), going)
+            weight = dr.select(going, weight * value[0], dr.select(ended, 0.0, weight))
+            following = si.spawn_ray(si.to_world(sample.wo))
+            ray.o, ray.d = dr.select(going, following.o, ray.o), dr.select(going, following.d, ray.d)
+            return sampler, ray, weight, glow, bounces + dr.select(going, mi.UInt32(1), 0), going & (weight > 0.0)
 
-    def _lit(
-        self, bsdfs: Sequence[Any], emitter: Any, samples: int | None = None, plan: PixelPlan | None = None
-    ) -> Image:
-        """Return the mean radiance under an emitter of the rays that meet parts, shape (H, W).
+        whole, dark, none = dr.ones(mi.Float, lanes), dr.zeros(mi.Float64, lanes), dr.zeros(mi.UInt32, lanes)
+        state: tuple[Any, ...] = sampler, mi.Ray3f(ray), whole, dark, none, dr.full(mi.Bool, True, lanes)
+        _, ray, weight, glow, bounces, _ = dr.while_loop(state, lambda *s: s[-1], follow, label="ways to the sky")
+        weight = dr.select(bounces > 0, weight, 0.0)
+        met = dr.select(bounces > 0, mi.Float64(1.0), 0.0)
+        dr.eval(ray.d, weight, glow, met)
+        hits, emitted = (np.array(dr.block_sum(v, count)) for v in (met, glow))
+        return _Ways(pixels, (ray.d.x, ray.d.y, ray.d.z), weight, hits, emitted / np.maximum(hits, 1.0))
 
-        ``plan``: of the pixels that have rays, by default the one for the light of the Earth. With fewer ``samples``
-        than usual noise says nothing of where light changes.
-        """
-        scene = self._scene(bsdfs, emitter)
-        integrator = mi.load_dict({"type": "path", "max_depth": MOST_BOUNCES + 1, "rr_depth": 64})
-        across = math.isqrt((samples or self.samples) - 1) + 1
-        each = max(LANES // across**2, 1)
-        plan, compared = plan or self._earth_plan, samples is None
+    def _sky_light(self, ways: Sequence[_Ways], sky: NDArray[np.float32], map_from_cam: FloatArray) -> Image:
+        """Return the light of parts under a map of the sky."""
         total, met = np.zeros(self.covered.size), np.zeros(self.covered.size)
+        table, rows = table_of(mi.Float32, sky), [constant_vector(row) for row in map_from_cam]
+        for part in ways:
+            light = np.zeros(len(part.pixels))
+            if sky.any():
+                x, y, z = (dot(part.direction, in_single(row)) for row in rows)
+                found = mi.Float64(part.weight * _on_map(table, x, y, z))
+                dr.eval(found)
+                light = np.array(dr.block_sum(found, dr.width(found) // len(part.pixels)))
+            total[part.pixels] = light / np.maximum(part.met, 1.0) + part.emitted
+            met[part.pixels] = part.met
+        return self._image(self._earth_plan, total, met)
 
-        def follow(pixels: NDArray[np.int64]) -> None:
-            for first in range(0, len(pixels), each):
-                part = pixels[first : first + each]
-                total[part], met[part] = self._batch(scene, integrator, part, across, int(part[0]))
+    def _sunlight(self, band: str, bsdfs: Sequence[Any], direction: FloatArray, radius_rad: float) -> Image:
+        """Return the mean radiance under a Sun of unit irradiance of the rays that meet parts, shape (H, W)."""
+        scene, sun = self._scene(band, bsdfs)
+        sun.put(direction, radius_rad)
+        integrator = mi.load_dict({"type": "path", "max_depth": MOST_BOUNCES + 1, "rr_depth": 64})
+        across = math.isqrt(max(self.samples // SUN_SHARE, 1) - 1) + 1
+        count, each = across**2, max(LANES // across**2, 1)
+        plan = self._plan(
+            ("lambert",),
+            scene.ray_test(self._centres.surface.spawn_ray(mi.Vector3f(*in_single(constant_vector(direction))))),
+        )
+        total, met = np.zeros(self.covered.size), np.zeros(self.covered.size)
+        for first in range(0, len(plan.sampled), each):
+            pixels = plan.sampled[first : first + each]
+            sampler = self._sampler(pixels, count)
+            ray = self._rays(pixels, count, sampler.next_2d())
+            hit = scene.ray_test(ray)
+            light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, hit)
+            value, valid = dr.select(hit, mi.Float64(light[0]), 0.0), dr.select(hit, mi.Float64(1.0), 0.0)
+            # together: every sum would follow the rays again
+            dr.eval(value, valid)
+            lit, met[pixels] = (np.array(dr.block_sum(v, count)) for v in (value, valid))
+            total[pixels] = lit / np.maximum(met[pixels], 1.0)
+        return self._image(plan, total, met)
 
-        follow(plan.sampled)
-        mean = total / np.maximum(met, 1.0)
-        rough = plan.rough(mean) & compared
-        follow(plan.between[rough])
-        even = plan.between[~rough]
-        total[even], met[even] = plan.mean(mean)[~rough], 1.0
-        return self._image(total[self.covered.ravel()], met[self.covered.ravel()])
-
-    def _batch(
-        self, scene: Any, integrator: Any, pixels: NDArray[np.int64], across: int, number: int
-    ) -> tuple[FloatArray, FloatArray]:
-        count = across**2
+    def _sampler(self, pixels: NDArray[np.int64], count: int) -> Any:
         sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
         sampler.set_samples_per_wavefront(count)
-        sampler.seed(self._seed(number), len(pixels) * count)
-        ray = self._rays(pixels, count, sampler.next_2d())
-        hit = scene.ray_test(ray)
-        light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, hit)
-        value, met = dr.select(hit, mi.Float64(light[0]), 0.0), dr.select(hit, mi.Float64(1.0), 0.0)
-        # together: every sum would follow the rays again
-        dr.eval(value, met)
-        totals = dr.block_sum(value, count), dr.block_sum(met, count)
-        dr.eval(totals)
-        light_sum, hits = (np.array(t) for t in totals)
-        return light_sum, hits
+        key = f"light on parts\0{self.identity}\0{pixels[0]}".encode()
+        sampler.seed(int.from_bytes(hashlib.sha256(key).digest()[:4], "little"), len(pixels) * count)
+        return sampler
 
     def _rays(self, pixels: NDArray[np.int64], count: int, offset: Any = None) -> Any:
         """Return rays through pixels, ``count`` each: at offsets in [0, 1)^2, or through the centres."""
@@ -504,15 +531,9 @@ class PartScene:
         return mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*(mi.Float(c) for c in direction)))
 
     @cached_property
-    def _bare(self) -> tuple[Any, FloatArray]:
-        """Return the parts alone, and the number of the part of every shape of Mitsuba's."""
-        scene = self._scene([mi.load_dict({"type": "diffuse"}) for _ in self.parts])
-        return scene, np.array([float(shape.id().rsplit("_", 1)[-1]) for shape in scene.shapes()])
-
-    @cached_property
     def _centres(self) -> _Centres:
         """Return what the rays through the centres of covered pixels meet."""
-        (scene, order), pixels = self._bare, np.flatnonzero(self.covered)
+        (scene, _), pixels = next(iter(self._scenes.values())), np.flatnonzero(self.covered)
         ray = self._rays(pixels, 1)
         meeting = scene.ray_intersect_preliminary(ray)
         meets = np.broadcast_to(np.array(meeting.is_valid()), pixels.shape)
@@ -520,7 +541,7 @@ class PartScene:
             np.where(meets, np.broadcast_to(np.array(v, dtype=np.int64), pixels.shape), 0)
             for v in (meeting.shape_index, meeting.prim_index)
         )
-        part = order.astype(np.int64)[shape]
+        part = _numbers_of(scene)[shape]
         corners = [t.reshape(-1, 3, 3) for t in self.triangles]
         normals = np.concatenate([np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in corners])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -528,38 +549,31 @@ class PartScene:
         direction = np.stack([np.broadcast_to(np.array(c, dtype=float), pixels.shape) for c in ray.d], axis=1)
         # faces have no inside
         normal *= -np.sign(np.einsum("ni,ni->n", normal, direction))[:, None]
-        sun = mi.Vector3f(*(float(c) for c in self.cam_from_itrs @ self.sun_itrs))
-        shadow = scene.ray_test(meeting.compute_surface_interaction(ray).spawn_ray(sun), meeting.is_valid())
         distance = np.broadcast_to(np.where(meets, np.array(meeting.t, dtype=float), math.inf), pixels.shape)
-        lit = ~np.broadcast_to(np.array(shadow), pixels.shape)
         place = np.where(meets, distance, 0.0)[:, None] * direction
-        return _Centres(np.where(meets, part, -1), normal, place, lit, distance)
+        return _Centres(np.where(meets, part, -1), normal, place, distance, meeting.compute_surface_interaction(ray))
 
-    def _plan(self, kinds: Sequence[str], *, shadows: bool) -> PixelPlan:
-        """Return which pixels have rays; parts of some kinds of surface are matt; ``shadows``: whether they matter."""
+    def _plan(self, kinds: Sequence[str], dark: Any = None) -> PixelPlan:
+        """Return which pixels have rays; parts of some kinds of surface are matt; ``dark``: shadows at the centres."""
         at, size = self._centres, self.covered.size
         matt = np.array([self._kind(part) in kinds for part in self.parts] + [False])[at.part]
         matt &= self.share[self.covered] > 1.0 - 1e-9
         key = np.full(size, -1, dtype=np.int64)
         normal, place = np.zeros((size, 3)), np.zeros((size, 3))
         pixels = np.flatnonzero(self.covered)
-        if shadows:
-            dark, bright = (np.full(self.covered.shape, fill) for fill in (1, 0))
-            dark[self.covered] = bright[self.covered] = at.lit
+        if dark is not None:
+            low, high = (np.full(self.covered.shape, fill) for fill in (1, 0))
+            low[self.covered] = high[self.covered] = np.broadcast_to(np.array(dark), pixels.shape)
             side = 4 * STRIDE + 1
-            matt &= (minimum_filter(dark, side) == maximum_filter(bright, side))[self.covered]
+            matt &= (minimum_filter(low, side) == maximum_filter(high, side))[self.covered]
         key[pixels] = np.where(matt, at.part, -1)
         normal[pixels], place[pixels] = at.normal, at.place
         return PixelPlan.of(Faces(key, normal, place), self.covered)
 
     @cached_property
     def _earth_plan(self) -> PixelPlan:
-        return self._plan(("lambert", "metal"), shadows=False)
-
-    @cached_property
-    def _sun_plan(self) -> PixelPlan:
-        """Return the plan for sunlight, which casts shadows, and of which rough metal has highlights."""
-        return self._plan(("lambert",), shadows=True)
+        """Return the plan for the light of the Earth, without the shadows and highlights of sunlight."""
+        return self._plan(("lambert", "metal"))
 
     @staticmethod
     def _kind(part: SpacecraftPart) -> str:
@@ -567,54 +581,39 @@ class PartScene:
             return SURFACES[part.material].kind
         return "lambert" if part.bsdf["type"] == "diffuse" and _is_even(part.bsdf) else "other"
 
-    def _emitted(self, band: Band) -> Image:
-        """Return what parts emit in a thermal band, shape (H, W), mean over the rays that meet them."""
-        across = min(math.isqrt(self.samples - 1) + 1, 8)
-        pixels = np.flatnonzero(self.covered)
-        each = max(LANES // across**2, 1)
-        scene, shapes = self._bare
-        own = [emissivity_of(p) * _black(band, p.temperature_k) for p in self.parts]
-        own_table = table_of(mi.Float64, np.array(own))
-        order = table_of(mi.Float64, shapes)
-        total, met = np.zeros(len(pixels)), np.zeros(len(pixels))
-        for first in range(0, len(pixels), each):
-            part = slice(first, first + each)
-            count, number = across**2, len(pixels[part])
-            k = dr.arange(mi.UInt32, number * count) % dr.opaque(mi.UInt32, count, 1)
-            side = dr.opaque(mi.UInt32, across, 1)
-            offset = mi.Point2f(
-                (mi.Float(k % side) + 0.5) / mi.Float(side), (mi.Float(k // side) + 0.5) / mi.Float(side)
-            )
-            meeting = scene.ray_intersect_preliminary(self._rays(pixels[part], count, offset))
-            hit = meeting.is_valid()
-            shape = mi.UInt32(dr.gather(mi.Float64, order, meeting.shape_index, hit))
-            value = dr.select(hit, dr.gather(mi.Float64, own_table, shape, hit), 0.0)
-            valid = dr.select(hit, mi.Float64(1.0), 0.0)
-            dr.eval(value, valid)
-            totals = dr.block_sum(value, count), dr.block_sum(valid, count)
-            dr.eval(totals)
-            total[part], met[part] = np.array(totals[0]), np.array(totals[1])
-        return self._image(total, met)
-
     def _distance_m(self) -> Image:
         """Return how far parts are along the rays through pixels' centres, shape (H, W); infinite beside them."""
         image = np.full(self.covered.shape, math.inf)
         image[self.covered] = self._centres.distance_m
         return image
 
-    def _image(self, total: FloatArray, met: FloatArray) -> Image:
-        """Return means over rays as an image; pixels whose rays met nothing take the nearest light, others are 0."""
-        image, known = np.zeros(self.covered.shape), np.zeros(self.covered.shape, dtype=bool)
-        known[self.covered] = met > 0.0
-        image[self.covered] = total / np.maximum(met, 1.0)
+    def _image(self, plan: PixelPlan, light: FloatArray, met: FloatArray) -> Image:
+        """Return light by pixel as an image; pixels whose rays met nothing take the nearest light, others are 0."""
+        light[plan.between], met[plan.between] = plan.mean(light), 1.0
+        image, known = light.reshape(self.covered.shape), (met > 0.0).reshape(self.covered.shape)
         if known.any() and not known[self.covered].all():
             nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
             image = np.where(self.covered, image[tuple(nearest)], 0.0)
         return image
 
-    def _seed(self, number: int) -> int:
-        key = f"light on parts\0{self.identity}\0{number}".encode()
-        return int.from_bytes(hashlib.sha256(key).digest()[:4], "little")
+
+def _numbers_of(scene: Any) -> NDArray[np.int64]:
+    """Return the number of the part of every shape of a scene."""
+    return np.array([int(shape.id().rsplit("_", 1)[-1]) for shape in scene.shapes()])
+
+
+def _on_map(table: mi.Float32, x: mi.Float32, y: mi.Float32, z: mi.Float32) -> mi.Float32:
+    """Return a map of the sky in directions of its axes, of which y is down: linear in longitude and latitude."""
+    v = dr.asin(dr.clip(y, -1.0, 1.0)) * ((ROWS - 1) / math.pi) + 0.5 * (ROWS - 1)
+    u = dr.atan2(x, z) * (COLUMNS / math.tau) - 0.5
+    u = dr.select(u < 0.0, u + COLUMNS, u)
+    i, j = dr.minimum(mi.UInt32(v), ROWS - 2), dr.minimum(mi.UInt32(u), COLUMNS - 1)
+    row, after = i * COLUMNS, dr.select(j == COLUMNS - 1, 0, j + 1)
+    low, high = (
+        dr.lerp(dr.gather(mi.Float32, table, k + j), dr.gather(mi.Float32, table, k + after), u - mi.Float32(j))
+        for k in (row, row + COLUMNS)
+    )
+    return dr.lerp(low, high, v - mi.Float32(i))
 
 
 def _is_even(bsdf: PluginDict) -> bool:
@@ -646,19 +645,17 @@ def with_parts(
     truth = frame.truth
     assert truth.part_outline is not None
     share = coverage(truth.part_outline, model)
-    parts = PartScene(
-        scene.part,
-        part_triangles(scene.part, truth.q_cam_from_body),
-        model,
-        share,
-        sky,
-        Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(),
-        np.array(truth.sun_itrs),
-        truth.sun_angular_radius_rad,
-        scene.render.part_samples,
-        truth.scene_id,
+    triangles, samples = part_triangles(scene.part, truth.q_cam_from_body), scene.render.part_samples
+    what = [part.model_dump_json() for part in scene.part]
+    bands = [band for band in camera.band if band.name in frame.radiance]
+    named = [(band.model_dump_json(), sky.sun.get(band.name)) for band in bands]
+    key = content_digest("light on parts", what, triangles, model, share, samples, named, mi.variant())
+    parts = TABLES.get_or_make(
+        key,
+        lambda: PartScene(scene.part, triangles, model, share, samples, key),
     )
-    light = parts.light([band for band in camera.band if band.name in frame.radiance])
+    sun, radius = np.array(truth.sun_itrs), truth.sun_angular_radius_rad
+    light = parts.light(bands, sky, Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(), sun, radius)
 
     def laid_over(behind: dict[str, np.ndarray], before: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         mixed = {band: share * before[band] + (1.0 - share) * image for band, image in behind.items()}

@@ -11,11 +11,11 @@ where the air is dense. One step holds two Gauss points.
 
 **Layers of thin cloud**: no step straddles a layer's edge. A ray is cut where it enters and leaves each layer's
 heights, on its way down and on its way up. Every piece has a fixed number of steps, so that neighbouring rays
-differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the
+differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:data:`STEPS_PER_SCALE`), half the
 march's outside the highest and below the lowest one, a quarter between two. A piece without length, of a ray that
 passes above, has no steps: as a piece shrinks so does its contribution, and nothing jumps. Within a
 piece steps are even in the ray parameter; where the umbra's edge crosses the ray, a third of them lies before, in and
-behind it.
+behind it: as a part shrinks, its share of the steps stays, so that nothing jumps either.
 """
 
 from __future__ import annotations
@@ -203,14 +203,14 @@ def find_path(
     )
 
 
-def warp(path: AirPath, y: mi.Float64, c: float | mi.Float64) -> mi.Float64:
+def warp(path: AirPath, y: mi.Float64, c: float | mi.Float64 = SOLAR_CONCENTRATION) -> mi.Float64:
     """Return the ray parameter [m] of ``y``; ``c`` as in the module text."""
     reach = dr.abs(y)
     reach = reach * dr.fma(reach * reach, 1.0 - c, c)
     return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
 
 
-def unwarp(path: AirPath, t: mi.Float64, c: float | mi.Float64) -> mi.Float64:
+def unwarp(path: AirPath, t: mi.Float64, c: float | mi.Float64 = SOLAR_CONCENTRATION) -> mi.Float64:
     """Return ``y`` of a ray parameter: the real root of ``c y + (1 - c) y^3 = x``, by the hyperbolic solution."""
     s = t - path.t_low
     length = dr.select(s < 0.0, path.length_before, path.length_after)
@@ -224,78 +224,15 @@ def unwarp(path: AirPath, t: mi.Float64, c: float | mi.Float64) -> mi.Float64:
     return dr.select(s < 0.0, -dr.minimum(y, 1.0), dr.minimum(y, 1.0))
 
 
-@dataclass(frozen=True)
-class Steps:
-    """How the steps are shared out: step index boundaries ``n1 <= n2`` at the parameters ``y1 <= y2``."""
-
-    n1: mi.Float64
-    n2: mi.Float64
-    y1: mi.Float64
-    y2: mi.Float64
-
-    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64) -> mi.Float64:
-        """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
-        first = path.y0 + (self.y1 - path.y0) * (i / dr.maximum(self.n1, 1.0))
-        middle = self.y1 + (self.y2 - self.y1) * ((i - self.n1) / dr.maximum(self.n2 - self.n1, 1.0))
-        last = self.y2 + (path.y1 - self.y2) * ((i - self.n2) / dr.maximum(count - self.n2, 1.0))
-        return dr.select(i < self.n1, first, dr.select(i < self.n2, middle, last))
-
-
-def umbra_edges(planet: Planet, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Bool, mi.Float64, mi.Bool]:
-    """Return the ray parameters where lines enter and leave the umbra, each with whether they do."""
+def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Float64]:
+    """Return ``y`` where rays enter and leave the umbra; their ends where they do not."""
     t1, t2, crosses = planet.shadow_crossings(o, d, sun)
     # a crossing counts only on the side away from the Sun: look a metre into the cylinder
     enters = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
     leaves = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
-    return t1, enters, t2, leaves
-
-
-def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> tuple[mi.Float64, mi.Float64]:
-    """Return ``y`` where the ray enters and leaves the umbra; its ends where it does not."""
-    t1, real1, t2, real2 = umbra_edges(planet, o, d, sun)
-    y1 = dr.select(real1, dr.clip(unwarp(path, t1, c), path.y0, path.y1), path.y0)
-    y2 = dr.select(real2, dr.clip(unwarp(path, t2, c), path.y0, path.y1), path.y1)
+    y1 = dr.select(enters, dr.clip(unwarp(path, t1), path.y0, path.y1), path.y0)
+    y2 = dr.select(leaves, dr.clip(unwarp(path, t2), path.y0, path.y1), path.y1)
     return y1, y2
-
-
-def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int, steady: bool = False) -> Steps:
-    """Divide ``count`` steps among the pieces before, in and behind the umbra, by their lengths in ``y``.
-
-    ``steady``: a third to each piece, however short: whole numbers of steps would make the radiance of tables jump.
-    """
-    if steady:
-        crossed = (y1 > path.y0) | (y2 < path.y1)
-        n1 = dr.select(crossed, constant(round(count / 3)), 0.0)
-        n2 = dr.select(crossed, constant(round(2 * count / 3)), constant(count))
-        return Steps(n1, n2, dr.select(crossed, y1, path.y0), dr.select(crossed, dr.maximum(y2, y1), path.y1))
-    span = dr.maximum(path.y1 - path.y0, 1e-9)
-    tiny = 1e-6 * span
-    y1 = dr.select(y1 - path.y0 < tiny, path.y0, y1)
-    y2 = dr.select(path.y1 - y2 < tiny, path.y1, dr.maximum(y2, y1))
-    n1 = dr.round(count * (y1 - path.y0) / span)
-    n2 = dr.round(count * (y2 - path.y0) / span)
-    n1 = dr.clip(n1, dr.select(y1 > path.y0, mi.Float64(1.0), 0.0), count - 2.0)
-    n2 = dr.clip(
-        n2, n1 + dr.select(y2 > y1, mi.Float64(1.0), 0.0), count - dr.select(y2 < path.y1, mi.Float64(1.0), 0.0)
-    )
-    return Steps(n1, n2, y1, y2)
-
-
-def even_steps(path: AirPath, count: int) -> Steps:
-    """Return steps that are even in ``y``."""
-    return Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
-
-
-def glow_steps(planet: Planet, path: AirPath, o: Vec, d: Vec, layer_m: float, count: int, c: float) -> Steps:
-    """Give each passage through what lies above ``layer_m`` two fifths of the steps."""
-    mid, half, meets = planet.chord(o, d, layer_m)
-    y1 = dr.select(meets, dr.clip(unwarp(path, mid - half, c), path.y0, path.y1), path.y0)
-    y2 = dr.select(meets, dr.clip(unwarp(path, mid + half, c), path.y0, path.y1), path.y1)
-    tiny = 1e-9 * dr.maximum(path.y1 - path.y0, 1e-9)
-    layer_steps = float(round(0.4 * count))
-    n1 = dr.select(y1 > path.y0 + tiny, mi.Float64(layer_steps), 0.0)
-    n2 = dr.select(y2 < path.y1 - tiny, mi.Float64(count - layer_steps), float(count))
-    return Steps(n1, n2, dr.select(n1 > 0.0, y1, path.y0), dr.select(n2 < count, y2, path.y1))
 
 
 def way_through(
@@ -334,20 +271,18 @@ def layer_bands(heights: Sequence[tuple[float, float]], gaps: Sequence[tuple[flo
     """Return heights (base, top) with their numbers of steps; ``gaps``: base, top and scale of layers with gaps [m]."""
     bands = []
     for base, top in heights:
-        inside = [scale for low, high, scale in gaps if low < top and high > base]
-        bands.append(LayerBand(base, top, max([LAYER_STEPS, *(steps_among_gaps(top - base, s) for s in inside)])))
+        # down from the layer's top to its base, level there
+        longest, steps = math.sqrt(2.0 * _RADIUS_M * (top - base)), LAYER_STEPS
+        for low, high, scale in gaps:
+            if low < top and high > base:
+                steps = max(steps, min(_twelve(STEPS_PER_SCALE * longest / scale), MOST_STEPS))
+        bands.append(LayerBand(base, top, steps))
     return tuple(bands)
-
-
-def steps_among_gaps(thickness_m: float, scale_m: float) -> int:
-    """Return the steps that the longest passage of a layer needs: from its top down to its base, level there."""
-    longest = math.sqrt(2.0 * _RADIUS_M * thickness_m)
-    return min(_twelve(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
 
 
 @dataclass(frozen=True)
 class LayeredSteps:
-    """Pieces of rays: ``cuts`` in y, and the number of the step at each; ``umbra``: y where rays enter and leave it."""
+    """Pieces of rays: ``cuts`` in y, and ``starts``, the number of the step at each; ``umbra``: y of its edges."""
 
     cuts: tuple[mi.Float64, ...]
     starts: tuple[mi.Float64, ...]
@@ -359,7 +294,7 @@ class LayeredSteps:
         """Steps of a ray."""
         return mi.UInt32(self.starts[-1])
 
-    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64 | int) -> mi.Float64:
+    def boundary(self, i: mi.Float64) -> mi.Float64:
         """Return ``y`` at step boundary ``i``."""
         low, high, first, last = self.cuts[0], self.cuts[1], self.starts[0], self.starts[1]
         for k in range(1, len(self.cuts) - 1):
@@ -384,22 +319,28 @@ def layered_steps(
     d: Vec,
     bands: Bands,
     count: int,
-    concentration: float | mi.Float64,
+    concentration: float | mi.Float64 = SOLAR_CONCENTRATION,
     umbra: tuple[mi.Float64, mi.Float64] | None = None,
     *,
     spare: bool = False,
+    twice: bool = False,
 ) -> LayeredSteps:
-    """Return the steps of rays through layers.
+    """Return the steps of rays, cut at the edges of layers.
 
     ``bands``: heights between which layers lie; ``count``: steps of the march without layers; ``umbra``: ``y`` where
     rays enter and leave the umbra, their ends where they do not; ``spare``: fewer steps above the layers
-    (:data:`SPARE_OUTER`).
+    (:data:`SPARE_OUTER`); ``twice``: as many steps where the umbra's edge crosses a ray.
     """
+    crossed, ends, times = mi.Bool(False), None, mi.Float64(1.0)
+    if umbra is not None:
+        crossed = (umbra[0] > path.y0) | (umbra[1] < path.y1)
+        ends = umbra[0], dr.maximum(umbra[1], umbra[0])
+        times = dr.select(crossed, constant(2.0 if twice else 1.0), 1.0)
     begin, end = path.t_low - path.length_before, path.t_low + path.length_after
     down: list[mi.Float64] = []
     up: list[mi.Float64] = []
     steps_down: list[int] = []
-    below, inner = _twelve(count / 2), _twelve(count / 4)
+    below, inner = _twelve(count / 2 if bands else count), _twelve(count / 4)
     outer = _twelve(count * SPARE_OUTER) if spare else below
     for n, band in enumerate(reversed(bands)):
         steps_down += [outer if n == 0 else inner, band.steps]
@@ -413,10 +354,8 @@ def layered_steps(
     cuts.append(end)
     starts = [constant(0.0)]
     for k, steps in enumerate([*steps_down, below, *reversed(steps_down)]):
-        starts.append(starts[-1] + dr.select(cuts[k + 1] > cuts[k], constant(float(steps)), 0.0))
+        starts.append(starts[-1] + dr.select(cuts[k + 1] > cuts[k], times * constant(float(steps)), 0.0))
     y = [path.y0, *(dr.clip(unwarp(path, t, concentration), path.y0, path.y1) for t in cuts[1:-1]), path.y1]
-    crossed = mi.Bool(False) if umbra is None else (umbra[0] > path.y0) | (umbra[1] < path.y1)
-    ends = None if umbra is None else (umbra[0], dr.maximum(umbra[1], umbra[0]))
     return LayeredSteps(tuple(y), tuple(starts), ends, crossed)
 
 

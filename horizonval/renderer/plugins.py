@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 from collections import OrderedDict
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NoReturn
 
 import drjit as dr
@@ -332,15 +332,14 @@ def _with_tuples(data: dict[str, Any]) -> dict[str, Any]:
     return {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
 
 
-_classes: dict[str | None, tuple[type, type]] = {}
-"""Integrator and sensor, by variant."""
+@cache
+def _classes(variant: str | None) -> tuple[type, type]:
+    return make_plugin(), make_camera_plugin()
 
 
 def plugin_classes() -> tuple[type, type]:
     """Return the classes of integrator and sensor for the active variant."""
-    if mi.variant() not in _classes:
-        _classes[mi.variant()] = make_plugin(), make_camera_plugin()
-    return _classes[mi.variant()]
+    return _classes(mi.variant())
 
 
 def mitsuba_scene(limb: LimbSettings, camera: CameraSettings) -> Any:

@@ -17,7 +17,7 @@ from horizonval.earth.surface.ground_emission import ground_k
 from horizonval.renderer.backend import activate
 from horizonval.renderer.kernel.batching import RAY_TABLE, TableSize, make_batches
 from horizonval.renderer.kernel.march import march
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet
+from horizonval.renderer.planet import Planet
 from horizonval.renderer.refraction import BendingField, apparent_planet, ray_end, to_apparent_radius
 from horizonval.renderer.scattering.shells import Quality
 from horizonval.renderer.tables import table_of, vectors
@@ -84,7 +84,7 @@ def radiance_along_rays(
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
     for group, batch in make_batches(model, planet, table, scattering, progress, air):
-        radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes, SOLAR_CONCENTRATION)
+        radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes)
         dr.eval(radiance)
         for node, value in zip(group, radiance, strict=False):
             out[node.name] = np.broadcast_to(np.array(value, dtype=float), (len(observer_m),)).copy()

@@ -7,34 +7,27 @@ vertical. With the apparent radius ``x = n(r) r`` this is the law of a straight 
     dpsi = g(x) sin(theta) dt,   g = -d ln n / dx     by how much the bent ray has turned downwards
 
 so that the straight march in x with every coefficient multiplied by ``dr/dx = 1 / (n + r dn/dr)`` is exact for the bent
-ray. The ground lies at ``x = n(0) R``: the **apparent planet** is larger by ``(n(0) - 1) R``, 1.77 km in visible light,
-and whatever asks where an outline is asks it of that planet. The local frame (vertical and ray) of the bent ray is that
-of the straight one, turned by psi in the plane of the ray; instead of the frame the Sun is turned, by -psi.
+ray. The ground lies at ``x = n(0) R``: the **apparent planet** is larger by ``(n(0) - 1) R``, 1.77 km in visible light.
+The local frame (vertical and ray) of the bent ray is that of the straight one, turned by psi in the plane of the ray;
+instead of the frame the Sun is turned, by -psi.
 
 **The Sun's light** arrives at apparent radius x with a true zenith angle Theta (of the Sun at infinity) and a local one
-theta = Theta - psi: tables give per height the cosine of the lowest Sun that still shines, and per height and
-``cos(Theta)`` the lift ``cos(theta) - cos(Theta)`` and the spreading of the beam. With the annuli of a parallel beam,
-``b db / (r^2 sin(Theta) dTheta cos(theta))``, the irradiance across the ray changes by::
+theta = Theta - psi. Tables give per height the cosine of the lowest Sun that still shines, and per height and
+``cos(Theta)`` the lift ``cos(theta) - cos(Theta)`` and the spreading of the beam: the irradiance across the ray changes
+by ``n^2 d cos(theta) / d cos(Theta)``. Radiance goes with n^2 as well, so that scattered light leaves the air without
+any n^2, which is left out throughout (a camera inside the air would see 5e-4 more at the ground).
 
-    n^2 d cos(theta) / d cos(Theta)
-
-Radiance goes with n^2 as well, so that scattered light leaves the air without any n^2; it is left out throughout (a
-camera inside the air would see 5e-4 more at the ground).
-
-**One scale for all air.** Lines stay straight when all lengths are multiplied by the same number. Apparent radii are
-multiplied by ``s = (R + w) / (n(0) R)``, w whole kilometres (2 km for all the Earth's air), so that the apparent planet
-and the top of the air are the same whatever the air: they are constants of the kernels, and all scenes share theirs.
-Cameras move by that, some 4e-5 of their distance; directions stay.
+**One scale for all air.** Apparent radii are multiplied by ``s = (R + w) / (n(0) R)``, w whole kilometres (2 km for all
+the Earth's air): lines stay straight, and the apparent planet and the top of the air are the same whatever the air, so
+that all scenes share kernels. Cameras move by some 4e-5 of their distance; directions stay.
 
 Approximations: one index for all wavelengths of a model, the mean of its nodes (1 % of the bending at either end of the
-visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (N dR: 10 m at the ground in places of the
-Earth's ellipsoid, 3 m at 10 km, less above); geodetic verticals turn with the ray as if the planet were a sphere
-(1e-4 rad). Light is bent as by the column below the camera, whatever the air at the limb: no horizontal gradients, no
-scintillation. The index starts from 1 at the highest node.
+visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (10 m at the ground in places, 3 m at
+10 km); geodetic verticals turn with the ray as if the planet were a sphere (1e-4 rad). Light is bent as by the column
+below the camera, whatever the air at the limb: no horizontal gradients, no scintillation.
 
-**Bending angles** give directions behind the air, positions along bent rays and the direction of sunlight. A ray that
-grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted and
-flattened.
+A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
+and flattened.
 """
 
 from __future__ import annotations
@@ -52,7 +45,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.column import OpticalModel
 from horizonval.renderer.column_air import ColumnAir, DepthFactor
-from horizonval.renderer.planet import GAUSS_LOW, SOLAR_CONCENTRATION, AirPath, Planet, along, dot, find_path, warp
+from horizonval.renderer.planet import GAUSS_LOW, AirPath, Planet, along, dot, find_path, warp
 from horizonval.renderer.tables import (
     TAU_FLOOR,
     AltitudeGrid,
@@ -223,9 +216,10 @@ class RefractedSunTable:
 
     ``grazing_bending``, (n_height,): bending angle [rad], up to there, of light that grazes the ground; mu_h is the
     cosine of the apparent horizon angle plus this. ``values``, (n_height * n_mu * 2,): lift of the cosine, spreading of
-    the beam.
+    the beam. ``field``: of the air.
     """
 
+    field: BendingField
     grazing_bending: mi.Float64
     values: mi.Float64
     n_height: int
@@ -252,15 +246,12 @@ def small_sincos(angle: Real) -> tuple[Real, Real]:
 
 @dataclass(frozen=True)
 class RefractionTables:
-    """What a node batch needs, besides its columns over apparent height, to know where the light comes from.
+    """Where the light of a node batch comes from, besides its columns over apparent height.
 
-    ``bending_per_m``, ``height``: g and the true height on the batch's grid, (n_altitude,). ``depth``: ``ln(tau +
-    tau_0)`` towards the Sun on the nodes of ``sun``, (n_height * n_mu * width,), layers of thin cloud left out.
-    ``shells``: these layers, over apparent heights.
+    ``depth``: ``ln(tau + tau_0)`` towards the Sun on the nodes of ``sun``, (n_height * n_mu * width,), layers of thin
+    cloud left out. ``shells``: these layers, over apparent heights.
     """
 
-    bending_per_m: mi.Float64
-    height: mi.Float64
     sun: RefractedSunTable
     depth: mi.Float64
     shells: tuple[SunShell, ...] = ()
@@ -312,19 +303,12 @@ class BentRay:
     @classmethod
     def of(cls, tables: RefractionTables, d: Vec, sun: Vec, vertical: Vec) -> BentRay:
         """Build from the vertical at the ray's lowest point."""
-        slope = dot(vertical, d)
-        up = (vertical[0] - slope * d[0], vertical[1] - slope * d[1], vertical[2] - slope * d[2])
-        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
-        up = (up[0] * scale, up[1] * scale, up[2] * scale)
+        up = across(vertical, d)
         return cls(tables, d, up, dot(d, sun), dot(up, sun), sun)
 
-    def bending_per_m(self, i: mi.UInt32, w: mi.Float64, inside: mi.Bool, normal: Vec) -> mi.Float64:
-        """Return how fast the bent ray turns at a place of the batch's grid."""
-        return dr.select(inside, interpolate(self.tables.bending_per_m, i, w, 1)[0] * dot(normal, self.up), 0.0)
-
-    def true_height(self, i: mi.UInt32, w: mi.Float64) -> mi.Float64:
-        """Return the height of a place of the batch's grid above the planet as it is."""
-        return interpolate(self.tables.height, i, w, 1)[0]
+    def rate(self, point: Vec) -> mi.Float64:
+        """Return how fast the bent ray turns at points of the straight one [rad/m]."""
+        return self.tables.sun.field.look(point, self.up).rate
 
     def sun_at(self, bending: mi.Float64) -> Vec:
         """Return the true Sun as the straight ray's own frame sees it at a bending angle of the bent ray."""
@@ -356,31 +340,18 @@ class BentRay:
 
 
 def bending_over_step(
-    planet: Planet,
-    ray: BentRay,
-    grid: AltitudeGrid,
-    o: Vec,
-    d: Vec,
-    t0: mi.Float64,
-    t1: mi.Float64,
-    bending: mi.Float64,
+    ray: BentRay, o: Vec, d: Vec, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64
 ) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
     """Return the bending angle at the two Gauss points of a step and at its end; ``bending`` at its beginning."""
     h = t1 - t0
-    rates = []
-    for share in (GAUSS_LOW, 1.0 - GAUSS_LOW):
-        height, normal = planet.height_and_normal(along(o, d, t0 + share * h))
-        rates.append(ray.bending_per_m(*grid.locate(height), normal))
-    a, b = rates
+    a, b = (ray.rate(along(o, d, t0 + share * h)) for share in (GAUSS_LOW, 1.0 - GAUSS_LOW))
     # the integral of the line through both points
     at_a = bending + h * (0.25 * a + (GAUSS_LOW - 0.25) * b)
     at_b = bending + h * ((0.75 - GAUSS_LOW) * a + 0.25 * b)
     return at_a, at_b, bending + 0.5 * h * (a + b)
 
 
-def refracted_umbra(
-    planet: Planet, path: AirPath, o: Vec, d: Vec, ray: BentRay, grid: AltitudeGrid, count: int, c: float
-) -> tuple[mi.Float64, mi.Float64]:
+def refracted_umbra(path: AirPath, o: Vec, d: Vec, ray: BentRay, count: int) -> tuple[mi.Float64, mi.Float64]:
     """Return ``y`` where a ray enters and leaves the umbra under refraction; its ends where it does not.
 
     That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray, 0 for rays
@@ -388,9 +359,9 @@ def refracted_umbra(
     """
 
     def evaluate(y: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64, Vec]:
-        t = warp(path, y, c)
-        height, normal = planet.height_and_normal(along(o, d, t))
-        return t, ray.bending_per_m(*grid.locate(height), normal), height, normal
+        t = warp(path, y)
+        point = ray.tables.sun.field.look(along(o, d, t), ray.up)
+        return t, point.rate, point.height_m, point.normal
 
     # as data: marches of more and fewer points share a kernel
     number = dr.opaque(mi.UInt32, count, 1)
@@ -425,7 +396,6 @@ def refracted_umbra(
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
 """Largest step of the tables over heights, even so that no place needs a search: true heights within centimetres."""
-ENTERING_NODES = 257
 LEAST_RISE = 1e-9
 """Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""
 
@@ -447,8 +417,7 @@ class BentPoint(Generic[Real]):
 class BendingField:
     """The apparent planet and the rate of bending above it.
 
-    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``apparent_m`` on ``true_grid``.
-    ``single``: the three in single precision.
+    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``single``: in single precision.
     """
 
     planet: Planet
@@ -457,39 +426,23 @@ class BendingField:
     grid: AltitudeGrid
     per_m: mi.Float64
     true_m: mi.Float64
-    true_grid: AltitudeGrid
-    apparent_m: mi.Float64
-    single: tuple[mi.Float32, mi.Float32, mi.Float32]
+    single: tuple[mi.Float32, mi.Float32]
 
     @classmethod
     def of(cls, air: ApparentRadiusAir) -> BendingField:
         """Build from air in apparent-radius coordinates."""
         apparent = air.model.altitude_m
-        height, true_height = (_even(column[-1]) for column in (apparent, air.height_m))
-        columns = (
-            np.interp(height, apparent, air.bending_per_m),
-            np.interp(height, apparent, air.height_m),
-            np.interp(true_height, air.height_m, apparent),
-        )
-        per_m, true_m, apparent_m = (table_of(mi.Float64, column) for column in columns)
-        one, two, three = (table_of(mi.Float32, column) for column in columns)
-        grids = AltitudeGrid.of(height), AltitudeGrid.of(true_height)
+        height = np.linspace(0.0, apparent[-1], math.ceil(apparent[-1] / GRID_STEP_M) + 1)
+        columns = [np.interp(height, apparent, values) for values in (air.bending_per_m, air.height_m)]
+        per_m, true_m = (table_of(mi.Float64, column) for column in columns)
+        one, two = (table_of(mi.Float32, column) for column in columns)
         top_m = air.model.top_m
-        return cls(air.planet, air.true_planet, top_m, grids[0], per_m, true_m, grids[1], apparent_m, (one, two, three))
-
-    def apparent(self, true_m: mi.Float32) -> mi.Float32:
-        """Return the apparent heights of true ones."""
-        i, w, _ = self.true_grid.locate(true_m)
-        return interpolate(self.single[2], i, w, 1)[0]
+        return cls(air.planet, air.true_planet, top_m, AltitudeGrid.of(height), per_m, true_m, (one, two))
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
         mid, half, _ = self.planet.chord(o, d)
-        _, normal = self.planet.height_and_normal(along(o, d, mid - half))
-        slope = dot(normal, d)
-        up = (normal[0] - slope * d[0], normal[1] - slope * d[1], normal[2] - slope * d[2])
-        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
-        return up[0] * scale, up[1] * scale, up[2] * scale
+        return across(self.planet.height_and_normal(along(o, d, mid - half))[1], d)
 
     def look(self, point: Vec3[Real], up: Vec3[Real]) -> BentPoint[Real]:
         """Return what is at points of rays; ``up``: :meth:`up`. In single precision heights are good to a metre."""
@@ -499,6 +452,13 @@ class BendingField:
         tables: Any = self.single if single else (self.per_m, self.true_m)
         rate = dr.select(inside, interpolate(tables[0], i, w, 1)[0] * dot(normal, up), 0.0)
         return BentPoint(height, normal, interpolate(tables[1], i, w, 1)[0], rate)
+
+    def true_height(self, apparent_m: Real) -> Real:
+        """Return true heights at apparent ones."""
+        i, w, _ = self.grid.locate(apparent_m)
+        single = dr.type_v(apparent_m) == dr.VarType.Float32
+        table: Any = self.single[1] if single else self.true_m
+        return interpolate(table, i, w, 1)[0]
 
     def turned(self, o: Vec, d: Vec, angle: mi.Float64) -> Vec:
         """Return the direction of bent rays that are seen in direction ``d`` where they have turned by an angle."""
@@ -513,8 +473,7 @@ class BendingField:
         height; as it has turned downwards, its vertical is turned forwards.
         """
         apparent, normal = self.planet.height_and_normal(along(o, d, t))
-        i, w, _ = self.grid.locate(apparent)
-        return interpolate(self.true_m, i, w, 1)[0], vertical_of(normal, d, angle)
+        return self.true_height(apparent), vertical_of(normal, d, angle)
 
     def angle(
         self, o: Vec, d: Vec, nodes: int = BENDING_NODES, end: mi.Float64 | None = None, *, single: bool = False
@@ -538,11 +497,11 @@ class BendingField:
         step = (path.y1 - path.y0) / count
 
         def body(i: mi.UInt32, t0: mi.Float64, total: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
-            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), SOLAR_CONCENTRATION)
+            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0))
             mid, h = 0.5 * (t0 + t1), t1 - t0
             return i + 1, t1, total + 0.5 * h * (rate(mid - offset * h) + rate(mid + offset * h))
 
-        start = warp(path, path.y0 + zero, SOLAR_CONCENTRATION)
+        start = warp(path, path.y0 + zero)
         return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="bending")[2]
 
     def largest_angle(self) -> float:
@@ -553,37 +512,12 @@ class BendingField:
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
 
 
-@dataclass(frozen=True)
-class EnteringAngles:
-    """Bending angle [rad] of light from space where it comes down to a height, by the cosine of its angle there.
-
-    ``values`` at cosines ``(k / (n - 1))^2``.
-    """
-
-    values: mi.Float32
-
-    @classmethod
-    def of(cls, field: BendingField, height_m: float) -> EnteringAngles:
-        """Build for a height above the apparent planet. That is a sphere in here: 3e-6 rad."""
-        radius = field.planet.mean_radius_m
-        sphere, zero = replace(field, planet=Planet(radius, radius)), mi.Float64(0.0)
-        mu = table_of(mi.Float64, np.linspace(0.0, 1.0, ENTERING_NODES) ** 2)
-        o = (zero, zero, constant(radius + height_m))
-        # upwards, as light is the same both ways
-        values = mi.Float32(sphere.angle(o, (dr.sqrt(1.0 - mu * mu), zero, mu)))
-        dr.eval(values)
-        return cls(values)
-
-    def at(self, mu: mi.Float32) -> mi.Float32:
-        """Return the angles at cosines."""
-        x = dr.sqrt(dr.clip(mu, 0.0, 1.0)) * (ENTERING_NODES - 1.0)
-        i = dr.minimum(mi.UInt32(x), ENTERING_NODES - 2)
-        return interpolate(self.values, i, x - mi.Float32(i), 1)[0]
-
-
-def _even(top_m: float) -> FloatArray:
-    """Return even heights from the ground to a top."""
-    return np.linspace(0.0, top_m, math.ceil(top_m / GRID_STEP_M) + 1)
+def across(vertical: Vec, d: Vec) -> Vec:
+    """Return the unit vector across rays in the plane of a vertical, 0 where they are vertical."""
+    slope = dot(vertical, d)
+    x, y, z = (vertical[k] - slope * d[k] for k in range(3))
+    scale = inverse_root(dr.maximum(x * x + y * y + z * z, 1e-12))
+    return x * scale, y * scale, z * scale
 
 
 def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
@@ -644,7 +578,7 @@ def refracted_sun_table(
     cosine_true = lowest + (1.0 - lowest) * x**2
     values = np.stack([local - cosine_true, spreading], axis=-1)
     grazing_bending = table_of(mi.Float64, angle[:, 0])
-    table = RefractedSunTable(grazing_bending, table_of(mi.Float64, values), n_height, n_mu, radius, field.top_m)
+    table = RefractedSunTable(field, grazing_bending, table_of(mi.Float64, values), n_height, n_mu, radius, field.top_m)
     return table, height, np.clip(local, lowest_local, 1.0)
 
 

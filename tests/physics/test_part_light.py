@@ -53,9 +53,9 @@ def test_a_lambert_panel_in_sunlight(zenith_deg: float) -> None:
     band, truth = frame.truth.camera_spec.band[0], frame.truth
     expected = band_irradiance(band, truth.sun_angular_radius_rad) * math.cos(math.radians(zenith_deg)) * 0.5 / math.pi
     assert (frame.maps["part"] == 1.0).all()
-    # single precision, and the mean of the noise below over 576 pixels
-    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=2e-5)
-    # cos(theta) over half a degree of Sun, from 64 rays
+    # single precision, and the mean of the noise below over a sixteenth of 576 pixels
+    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=1e-4)
+    # cos(theta) over half a degree of Sun, from 36 rays
     assert frame.radiance["vis"].std() < 3e-4 * expected
 
 
@@ -155,11 +155,10 @@ def test_a_mirror_shows_the_sun_as_it_is() -> None:
     np.testing.assert_allclose(frame.radiance["vis"], expected, rtol=2e-3)
 
 
-def test_equal_scenes_give_equal_bytes_and_another_name_other_noise() -> None:
+def test_equal_scenes_give_equal_bytes_whatever_was_rendered_before() -> None:
     panel = {"shape": "panel", "frame": "cam", "width_m": 0.6, "height_m": 0.3, "position_m": [0.0, 0.0, 1.0]}
-    first, again, other = (
-        _frame(SOLAR, [panel], attitude={"roll_deg": 180.0}, name=name).radiance["vis"] for name in ("a", "a", "b")
+    first, other, again = (
+        _frame(SOLAR, [panel], attitude={"roll_deg": roll_deg}).radiance["vis"] for roll_deg in (180.0, 150.0, 180.0)
     )
     assert first.tobytes() == again.tobytes()
     assert first.tobytes() != other.tobytes()
-    np.testing.assert_allclose(first.mean(), other.mean(), rtol=0.01)

@@ -18,7 +18,7 @@ import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches  # noqa: E402
 from horizonval.renderer.kernel.march import march  # noqa: E402
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet  # noqa: E402
+from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
 
 PLANET = Planet(RADIUS_M, RADIUS_M)
@@ -77,7 +77,7 @@ def _sun(axes: Any, zenith_deg: float, azimuth_deg: float) -> Any:
 
 def _marched(batch: Any, o: Any, d: Any, sun: Any) -> Any:
     rays, light = vectors(d), vectors(sun[None, :])
-    found, _ = march(PLANET, TOP_M, batch, vectors(o[None, :]), rays, light, mi.Bool(False), 512, SOLAR_CONCENTRATION)
+    found, _ = march(PLANET, TOP_M, batch, vectors(o[None, :]), rays, light, mi.Bool(False), 512)
     return np.array(found[0])
 
 

@@ -130,7 +130,8 @@ def test_layer_of_nothing_is_clear_air() -> None:
     clear = scene_of(50.0, atmosphere=CLEAN, render={"orders": "single"})
     layer = scene_of(50.0, atmosphere=CLEAN, render={"orders": "single"}, layer=[cirrus(1e-8)])
     (found,) = compare(rendered(layer, LIMB), rendered(clear, LIMB), LIMB)
-    assert found.worst < 1e-4, str(found)
+    # the layer's edges cut the rays into other steps
+    assert found.worst < 2e-4, str(found)
 
 
 def test_truth_cuts_its_rays_at_the_edges_of_layers_up_to_the_top_of_the_air() -> None:

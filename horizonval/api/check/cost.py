@@ -5,13 +5,13 @@ every cell (a pixel's share that sees ground or air); or they are marched cell b
 ``cells x nodes along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every
 column of air. The cache may hold it already, so its time is stated separately. Thermal bands come from tables whose
 time grows with the g points, a little with the nodes, and hardly with the pixels. The constants are seconds of
-processor time of the LLVM back-end on two x86-64 processors, from eight shipped scenes of 80 to 1024 pixels.
+processor time of the LLVM back-end on two x86-64 processors, from six shipped scenes (2026-11-28).
 
 **Accuracy.** On other machines and for other scenes a factor of three; disk within 1.5. The time of foreign estimators
 is unknown.
 
 **Neglected.** The first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
-airglow (more tables, or a march).
+airglow (more tables), and parts of the spacecraft (2 s from a new position, 0.4 s at another attitude).
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from horizonval.renderer.frame_cost import frame_bytes
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
-SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
+SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.03
 CHUNK = 4
 """Spectral nodes that are computed together."""
-TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
+TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 1e-7, 1.7e-3, 2.0
 """View tables: seconds per cell and per node along the rays, for a chunk of spectral nodes; factor in twilight."""
-CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
+CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.3e-6, 4.5
 """Seconds per cell that ends on a cloud, for a chunk of spectral nodes, and the factor of tables with clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """Depression of the Sun below which no air is sunlit."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
 """Seconds of a table of air without and with particles, whose phase function has more moments."""
-THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
+THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.001, 4e-6
 """Seconds of a g point, and of each node along its rays."""
 BY_LATITUDE = 2.5
 """Factor of thermal bands through air that changes with latitude."""

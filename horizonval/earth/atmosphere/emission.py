@@ -34,7 +34,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expn
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.earth.atmosphere import aerosol, climate
 from horizonval.earth.atmosphere.air import AS_IT_IS, TOP_M, Air, AirChange
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
@@ -143,6 +145,11 @@ class EmittingBand:
     def is_uniform(self) -> bool:
         """Whether the air is the same everywhere."""
         return self.column_map is None and len(self.sin_latitude) == 1
+
+    @cached_property
+    def content_digest(self) -> str:
+        """The digest of all fields; those of weather take 0.1 s."""
+        return content_digest(*(getattr(self, item.name) for item in fields(self)))
 
     def coarser(self) -> EmittingBand:
         """Return the band with fewer columns of its map, for slowly varying quantities such as the sky's mean."""
@@ -326,7 +333,13 @@ class EmittingAir:
         for wavelength in np.unique(wavelength_um):
             extinct, scattered, _ = self.particles.at(min(float(wavelength), aerosol.MAX_UM))
             absorbed[wavelength] = extinct - scattered
-        return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
+        per_m = np.stack([absorbed[w] for w in wavelength_um])
+        # in place, and only as high as there are particles: arrays of weather are large
+        low = ln_gas[..., : np.flatnonzero(per_m.any(axis=0)).max(initial=-1) + 1]
+        both = np.exp(low)
+        both += per_m[:, None, : low.shape[-1]]
+        np.log(both, out=low)
+        return ln_gas
 
 
 def emitting_air(

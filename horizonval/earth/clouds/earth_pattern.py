@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import array_of, cached_arrays, keep_arrays, keep_newest
+from horizonval.core.cache import array_of, cached_arrays, keep_arrays, keep_newest, making
 from horizonval.core.code import FRAME_ROOMS, code_digest
 from horizonval.core.digests import content_digest
 from horizonval.core.environment import cache_folder
@@ -460,10 +460,14 @@ def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     method = code_digest(rooms=FRAME_ROOMS)
     path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
     kept = cached_arrays(path, _coarse)
-    if kept is None:
-        kept = coarse_map(seed, month, cover)
-        keep_arrays(path, {"values": kept.values, "ends": np.array([kept.lowest, kept.highest]), "rank": kept.rank})
-        keep_newest(path.parent, KEPT)
+    if kept is not None:
+        return kept
+    with making(path):
+        kept = cached_arrays(path, _coarse)
+        if kept is None:
+            kept = coarse_map(seed, month, cover)
+            keep_arrays(path, {"values": kept.values, "ends": np.array([kept.lowest, kept.highest]), "rank": kept.rank})
+            keep_newest(path.parent, KEPT)
     return kept
 
 

@@ -37,10 +37,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import erfc
+from scipy.special import erf
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate
@@ -132,18 +132,15 @@ def slope_variance(wind_speed_m_s: float) -> float:
     return 0.003 + 0.00512 * wind_speed_m_s
 
 
-def slope_density(tan2: ArrayLike, variance: float) -> FloatArray:
-    """Return the density of facets per unit of slope squared, at the squared tangent of their tilt."""
-    return np.exp(-np.asarray(tan2, dtype=np.float64) / variance) / (math.pi * variance)
+def fresnel(cosine: Any, index: float = WATER_INDEX, of: Any = np) -> Any:
+    """Return the reflectance for unpolarised light from air at cosines of the angle of incidence.
 
-
-def fresnel(cosine: ArrayLike, index: float = WATER_INDEX) -> FloatArray:
-    """Return the reflectance for unpolarised light from air at cosines of the angle of incidence."""
-    c = np.asarray(cosine, dtype=np.float64)
-    g = np.sqrt(index * index - 1.0 + c * c)
-    across = (g - c) / (g + c)
-    along = (c * (g + c) - 1.0) / (c * (g - c) + 1.0)
-    return 0.5 * across**2 * (1.0 + along**2)
+    ``of``, here and below: the module of the functions of arrays, NumPy or Dr.Jit.
+    """
+    g = of.sqrt(index * index - 1.0 + cosine * cosine)
+    across = (g - cosine) / (g + cosine)
+    along = (cosine * (g + cosine) - 1.0) / (cosine * (g - cosine) + 1.0)
+    return 0.5 * across * across * (1.0 + along * along)
 
 
 @cache
@@ -154,27 +151,28 @@ def water_sky_albedo() -> float:
     return float(np.sum(w * mu * fresnel(mu)))
 
 
-def hidden(mu: ArrayLike, variance: float) -> FloatArray:
+def _hidden(mu: Any, variance: Any, of: Any) -> Any:
     """Return Smith's function L of the cosine to the vertical: 0 overhead, growing without limit to the horizon."""
-    mu = np.clip(np.asarray(mu, dtype=np.float64), 1e-6, 1.0)
-    v = np.minimum(mu / np.sqrt(np.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
-    return np.maximum(0.5 * (np.exp(-v * v) / (v * math.sqrt(math.pi)) - erfc(v)), 0.0)
+    v = of.minimum(mu / of.sqrt(of.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
+    beyond = 1.0 - (erf if of is np else of.erf)(v)
+    return of.maximum(0.5 * (of.exp(-v * v) / (v * math.sqrt(math.pi)) - beyond), 0.0)
 
 
-def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, variance: float) -> FloatArray:
+def glint_brdf(mu_sun: Any, mu_view: Any, cosine: Any, variance: Any, of: Any = np) -> Any:
     """Return the reflectance of the sea's facets [1/sr]; 0 where Sun or observer is below the horizon.
 
     ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
     angle between the directions to Sun and observer. ``variance``: see :func:`slope_variance`.
     """
-    sun, view = np.asarray(mu_sun, dtype=np.float64), np.asarray(mu_view, dtype=np.float64)
-    up = (sun > 0.0) & (view > 0.0)
-    sun, view = np.clip(sun, 1e-6, 1.0), np.clip(view, 1e-6, 1.0)
-    incidence = np.sqrt(np.maximum(0.5 * (1.0 + np.asarray(cosine, dtype=np.float64)), 1e-12))
-    tilt2 = np.minimum(((sun + view) / (2.0 * incidence)) ** 2, 1.0)
-    seen = 1.0 / (1.0 + hidden(sun, variance) + hidden(view, variance))
-    density = slope_density(1.0 / tilt2 - 1.0, variance)
-    return np.where(up, fresnel(incidence) * density * seen / (4.0 * sun * view * tilt2**2), 0.0)
+    up = (mu_sun > 0.0) & (mu_view > 0.0)
+    sun, view = of.clip(mu_sun, 1e-6, 1.0), of.clip(mu_view, 1e-6, 1.0)
+    incidence = of.sqrt(of.maximum(0.5 * (1.0 + cosine), 1e-12))
+    tilt = (sun + view) / (2.0 * incidence)
+    tilt2 = of.minimum(tilt * tilt, 1.0)
+    seen = 1.0 / (1.0 + _hidden(sun, variance, of) + _hidden(view, variance, of))
+    density = of.exp((1.0 - 1.0 / tilt2) / variance) / (math.pi * variance)
+    found = fresnel(incidence, of=of) * density * seen / (4.0 * sun * view * tilt2 * tilt2)
+    return np.where(up, found, 0.0) if of is np else of.select(up, found, 0.0)
 
 
 SNOW_A, SNOW_B, SNOW_C = 1.247, 1.186, 5.157
@@ -183,12 +181,12 @@ SNOW_NODES = 65
 """Size of the table of N, even in the cosine of the Sun's zenith angle."""
 
 
-def snow_reflection(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
+def snow_reflection(mu_sun: Any, mu_view: Any, cosine: Any, of: Any = np) -> Any:
     """Return R_0 from the cosines of Sun and observer zenith angles and of the angle between their directions."""
-    sun, view = (np.maximum(np.asarray(mu, dtype=np.float64), LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
-    theta = np.degrees(np.arccos(np.clip(-np.asarray(cosine, dtype=np.float64), -1.0, 1.0)))
-    p = 11.1 * np.exp(-0.087 * theta) + 1.1 * np.exp(-0.014 * theta)
-    return np.asarray((SNOW_A + SNOW_B * (sun + view) + SNOW_C * sun * view + p) / (4.0 * (sun + view)))
+    sun, view = (of.maximum(mu, LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
+    theta = of.rad2deg((np.arccos if of is np else of.acos)(of.clip(-cosine, -1.0, 1.0)))
+    p = 11.1 * of.exp(-0.087 * theta) + 1.1 * of.exp(-0.014 * theta)
+    return (SNOW_A + SNOW_B * (sun + view) + SNOW_C * sun * view + p) / (4.0 * (sun + view))
 
 
 @cache

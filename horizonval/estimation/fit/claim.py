@@ -84,8 +84,8 @@ def with_unlit_part(found: LimbFit, camera: CameraModel) -> LimbFit:
         # Clouds make a slope of their own.
         dimmed_2 = (float(slope[0] ** 2 + slope[1] ** 2) + 4.0 * scatter / len(across)) / max(mean**2, 1e-300)
         hidden_px = min(dimmed_2 * DIMMED_PX, hidden_px)
-    # By the residuals, which are 0.187 D, and by what leaves none.
-    left = np.sqrt(np.mean(found.residuals_rad[lit] ** 2)) / 0.187
+    # By the residuals, which are 0.187 D, where noise does not explain them, and by what leaves none.
+    left = np.sqrt(np.mean(found.residuals_rad[lit] ** 2)) / 0.187 if found.scatter > 1.0 else 0.0
     hidden = hidden_px / max(camera.fx, camera.fy)
     distance = float(np.linalg.norm(found.pose.r_itrs))
     up = found.pose.r_itrs / distance

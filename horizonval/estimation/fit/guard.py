@@ -95,9 +95,8 @@ PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
 LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
-"""Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
-to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
-errors look like as much."""
+"""Least share of a prior's variance that a departure is compared with, of a profile and of an edge. A fit is converged
+to 0.05 of a standard deviation, the root of the first; model errors of an edge look like as much as the second."""
 
 
 @dataclass(frozen=True)
@@ -609,7 +608,9 @@ def pulled(
     left, covariance = left / widened, covariance / widened
     learnt = 1.0 - left
     off = axes.T @ (root @ -pose.step_to(mean))
-    square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
+    # An image that says nothing about a direction does not move the pose along it, either.
+    learnt = np.maximum(learnt, least_learnt)
+    square = off**2 / learnt
     # Where the image determines more than the prior the two must agree, since nothing would widen the claim.
     seen = left < 0.5
     total = float(square[seen].sum())
@@ -626,9 +627,16 @@ def pulled(
     return added
 
 
-def agreeing(found: F, known: Known, least_learnt: float = LEAST_LEARNT) -> F | Refusal:
-    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`."""
-    wrong = pulled(found.pose, found.covariance, known.mean, known.information, found.uv, least_learnt)
+def agreeing(
+    found: F, known: Known, least_learnt: float = LEAST_LEARNT, plain: FloatArray | None = None
+) -> F | Refusal:
+    """Return a fit with its claim widened by the departure from its prior, or why that is refused: :func:`pulled`.
+
+    ``plain``: shape (7, 7), covariance of the fit's equations alone, where scatter has widened the fit's.
+    """
+    wrong = pulled(
+        found.pose, found.covariance if plain is None else plain, known.mean, known.information, found.uv, least_learnt
+    )
     if isinstance(wrong, Refusal):
         return wrong
     relief = found.relief_covariance + wrong

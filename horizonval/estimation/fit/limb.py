@@ -47,10 +47,10 @@ class LimbFit:
     ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
     excess scatter of the sectors and errors of the lens; ``relief_covariance``: its part of relief, scatter and lens.
     ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
-    and on the Earth, in grey levels. ``uv`` (m, 2): a point on each sector's limb in the first
-    image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
-    ``levels`` (m,): the Earth's brightness there above space; ``uneven_px``: by how much an unlit sliver may have the
-    limb depart from a circle. ``steps``: shape (k, 7).
+    and on the Earth, in grey levels. ``uv`` (m, 2): a point on each sector's limb in the first image [px];
+    ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief; ``levels`` (m,): the
+    Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors; ``uneven_px``: by how much an
+    unlit sliver may have the limb depart from a circle. ``steps``: shape (k, 7).
     """
 
     pose: LimbPose
@@ -62,6 +62,7 @@ class LimbFit:
     uv: FloatArray
     residuals_rad: FloatArray
     levels: FloatArray
+    scatter: float
     uneven_px: float
     steps: FloatArray
 
@@ -122,6 +123,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         uv=places[0].uv,
         residuals_rad=places[0].off_rad,
         levels=places[0].levels,
+        scatter=ratio,
         uneven_px=0.0,
         steps=solution.steps[0],
     )

@@ -99,7 +99,7 @@ def level_distance(height_m: FloatArray, curve: float) -> tuple[FloatArray, Floa
 def pixel_at_limb_m(camera: CameraModel, r_itrs: FloatArray, radius_m: float) -> float:
     """Return what a pixel on the axis sees at the distance of the limb."""
     to_limb_2 = float(r_itrs @ r_itrs) - radius_m**2
-    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    return float(np.sqrt(max(to_limb_2, 1.0))) / max(camera.fx, camera.fy)
 
 
 def with_errors(camera: CameraModel, lens: FloatArray) -> CameraModel:

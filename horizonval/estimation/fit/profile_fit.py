@@ -52,6 +52,8 @@ class ProfileFit:
     """The most probable pose.
 
     ``covariance`` (7, 7): of a step from the pose, from noise, priors and air; ``relief_covariance``: the air's part.
+    ``plain_covariance``: the same as ``covariance`` without the excess of the air's squares, by which a wrong prior of
+    the pose shows.
     ``squares``, ``determined``: sum of squares of the air's unit unknowns, and the number of them that the pixels
     determine. ``improbable``: largest mode coefficient along the limb, in standard deviations. ``explained``: smallest
     share of an image's variance that the prediction explains.
@@ -62,6 +64,7 @@ class ProfileFit:
     pose: LimbPose
     covariance: FloatArray
     relief_covariance: FloatArray
+    plain_covariance: FloatArray
     squares: float
     determined: float
     improbable: float
@@ -126,9 +129,9 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
-    of_air = (covariance - known) * strained(squares, determined)
     by_lens = found.by_shared[:POSE, :LENS]
-    of_air += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
+    of_lens = by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
+    of_air = (covariance - known) * strained(squares, determined) + of_lens
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
     uv, off = by_sector(models[0], looks[0], weights[0])
     airs = [(model.air, state.air[at]) for model, at in zip(models, chosen.columns, strict=True)]
@@ -136,6 +139,7 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
         pose=state.pose,
         covariance=known + of_air,
         relief_covariance=of_air,
+        plain_covariance=covariance + of_lens,
         squares=squares,
         determined=determined,
         improbable=max(improbable(air.coefficients(z)[:, 1:], air.waves) for air, z in airs),

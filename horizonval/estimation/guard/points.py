@@ -45,7 +45,7 @@ class TrustedPoints:
 
 
 def trusted_points(observation: Observation, lowest_sun_rad: float = 0.5 * np.pi) -> TrustedPoints | Refusal:
-    """Return the points of an image's limb that may be trusted, at least :data:`.limits.FEWEST_POINTS` of them.
+    """Return the points of an image's limb that may be trusted, at least :data:`.FEWEST_POINTS` of them.
 
     ``lowest_sun_rad``: largest zenith angle of a known Sun at a point of a sunlit limb.
     """
@@ -60,8 +60,8 @@ def trusted_points(observation: Observation, lowest_sun_rad: float = 0.5 * np.pi
     inner, outer = sides(picture, camera, found.los_cam, axis)
     bright_inside = bool(np.nanmedian(inner - outer) > 0.0)
     full = np.inf if observation.full_scale is None else SATURATED_SHARE * observation.full_scale
-    # The edge of a saturated side is that of the air's tail, kilometres too high.
-    kept = ~((inner >= full) & (inner > outer))
+    # The edge of a saturated side is that of the air's tail, kilometres too high; a side out of view may be saturated.
+    kept = (inner < full) | (inner <= outer)
     if np.count_nonzero(kept) < FEWEST_POINTS:
         return Refusal(Outcome.SATURATED, f"{np.mean(~kept):.0%} of the limb points are saturated", found.uv)
     cause = Outcome.SATURATED if np.mean(kept) < 1.0 - MUCH_LOST else Outcome.SHORT_ARC

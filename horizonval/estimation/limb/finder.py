@@ -260,7 +260,11 @@ class _Search:
             if here.evidence.score < (0.7 if resolved else STILL_SEEN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
-        return best
+        if self._at_sectors(best):
+            return best
+        # What the level shows is that of a cone of this level.
+        here = self._fitted(best.number, best)
+        return best if here is None or here.evidence.score < 0.7 * best.evidence.score else here
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""

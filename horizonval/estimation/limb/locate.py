@@ -91,20 +91,6 @@ def points_of(
     return uv, edges.step[order], edges.deep[order]
 
 
-def to_edge(
-    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Move lines of sight across the limb to its edge; return (m, 3), and their input rows (m,).
-
-    ``los_cam``: shape (n, 3), right to two pixels; ``axis_cam``: shape (3,), of their cone; ``bright_inside``: grey
-    level rises towards the axis. Points leave whose profile is not in the image or has no edge.
-    """
-    edges = _edges_at(image, camera, los_cam, axis_cam)
-    kept = np.flatnonzero(edges.good & ((edges.step > 0.0) == bright_inside))
-    angle = edges.shift[kept, None] / max(camera.fx, camera.fy)
-    return np.cos(angle) * los_cam[kept] + np.sin(angle) * inwards_of(los_cam[kept], axis_cam), kept
-
-
 def noise_covariance(
     image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, noise: PixelNoise
 ) -> FloatArray:

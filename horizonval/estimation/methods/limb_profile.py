@@ -65,7 +65,7 @@ def run(observation: Observation) -> Fit | Refusal:
     doubt = doubt_of(found)
     if doubt is not None:
         return doubt
-    found = agreeing(found, knowledge)
+    found = agreeing(found, knowledge, plain=found.plain_covariance)
     if isinstance(found, Refusal):
         return found
     return accepted(fit_of(found, observation, knowledge.ellipsoid), observation.prior.accept_rad)

@@ -69,7 +69,7 @@ def run(observation: Observation) -> Fit | Refusal:
         return found
     fitted, heads = found
     first = next(iter(heads.values()))
-    agreed = agreeing(fitted, first.prior)
+    agreed = agreeing(fitted, first.prior, plain=fitted.plain_covariance)
     if isinstance(agreed, Refusal):
         return agreed
     fitted = agreed.in_axes(Rotation.from_quat(observation.q_cam_from_body).as_matrix())

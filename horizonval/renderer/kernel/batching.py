@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -25,7 +26,7 @@ from horizonval.renderer.kernel.node_batches import (
     Particles,
     SolarNodes,
 )
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, Bands, Planet, layer_bands
+from horizonval.renderer.planet import Bands, Planet, layer_bands
 from horizonval.renderer.refraction import (
     ApparentRadiusAir,
     BendingField,
@@ -62,15 +63,8 @@ RAY_TABLE = TableSize(n_height=512, n_mu=2048, path_nodes=512)
 """For the ``radiance`` command, where accuracy counts more than the table's minute."""
 
 
-@dataclass(frozen=True)
-class _Refraction:
-    """What all batches of a model over apparent heights share; heights and local cosines of the table of the Sun."""
-
-    bending_per_m: mi.Float64
-    true_height: mi.Float64
-    sun: RefractedSunTable
-    height_m: FloatArray
-    cosine: FloatArray
+_Refraction: TypeAlias = tuple[RefractedSunTable, FloatArray, FloatArray]
+"""The table of the Sun that all batches of a model share, with its heights and local cosines."""
 
 
 def make_batches(
@@ -96,9 +90,7 @@ def make_batches(
         if scattering is not None:
             true_model = without_peaks(true_model, scattering.particle_degree)
         if model.nodes:
-            field = BendingField.of(air)
-            sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
-            refraction = _Refraction(table_of(mi.Float64, air.bending_per_m), table_of(mi.Float64, air.height_m), *sun)
+            refraction = refracted_sun_table(BendingField.of(air), size.n_height, size.n_mu, size.path_nodes)
     true_grid, true_node = AltitudeGrid.of(true_model.altitude_m), {n.name: n for n in true_model.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
     for group in _groups(model.nodes):
@@ -181,9 +173,9 @@ def _solar_nodes(
     if refraction is None:
         sunlight = _fill_sun_table(planet, model.top_m, grid, gas, width, size, shells)
     else:
-        r = refraction
-        depth = _sun_depth(planet, model.top_m, grid, gas, width, r.height_m, r.cosine, size.path_nodes)
-        sunlight = RefractionTables(r.bending_per_m, r.true_height, r.sun, depth, shells)
+        sun, height_m, cosine = refraction
+        depth = _sun_depth(planet, model.top_m, grid, gas, width, height_m, cosine, size.path_nodes)
+        sunlight = RefractionTables(sun, depth, shells)
     particles = None
     irradiance = _padded([n.solar_irradiance for n in nodes], width)
     reflectance = [constant(model.albedo / math.pi)] * width
@@ -267,14 +259,10 @@ def _gapped(
 
 def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
     """Return a column whose heights without scattering take the value of the nearest height that scatters."""
-    where = np.nonzero(scattering > 0.0)[0]
+    where = np.flatnonzero(scattering > 0.0)
     if not len(where):
         return values
-    after = np.clip(np.searchsorted(where, np.arange(len(values))), 0, len(where) - 1)
-    before = np.maximum(after - 1, 0)
-    here = np.arange(len(values))
-    nearer = np.abs(where[before] - here) < np.abs(where[after] - here)
-    return np.asarray(values[np.where(nearer, where[before], where[after])])
+    return np.asarray(values[where[np.abs(where[:, None] - np.arange(len(values))).argmin(axis=0)]])
 
 
 def _without_layers(nodes: Sequence[SpectralNode], width: int) -> mi.Float64:
@@ -356,7 +344,7 @@ def _sun_depth(
     o = (zero, zero, height + radius)
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
-    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, SOLAR_CONCENTRATION)
+    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes)
     logarithms = [dr.log(t + TAU_FLOOR) for t in tau]
     # at once: every launch that wanted one of them would march for all
     dr.eval(logarithms)
@@ -380,9 +368,7 @@ def _downwelling(
     o = (zero, zero, mi.Float64(radius))
     d = (sine, zero, cosine)
     sphere = Planet(radius, radius)
-    sky, through = march(
-        sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, SOLAR_CONCENTRATION
-    )
+    sky, through = march(sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes)
     for k, radiance in enumerate(behind):
         sky[k] = sky[k] + radiance * through[k]
     return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

@@ -1,32 +1,26 @@
 """Which cells of a frame see ground, limb or Sun, and the rays through them.
 
 Pixels that contain an edge are cut into k x k cells. A cell whose outline test is clear is one ray through its centre.
-A cell on the hard edge is two: one through the middle of its covered part, ending at the ground, one through the
-middle of the rest, passing it. Where the outline of clouds cuts what lies above the limb, that is two as well, one
-below the outline and one above (``cloud_outline``). A whole pixel is one ray. Rays above the atmosphere are not
-marched.
+A cell on the hard edge is two: one through the middle of its covered part, which ends at the ground, and one through
+the middle of the rest. Where the outline of clouds cuts what lies above the limb, that is two as well
+(``cloud_outline``). A whole pixel is one ray. Rays above the atmosphere are not marched.
 
-Cells and whole pixels are grouped by what they see before any radiance is computed, so no lane idles and every sum has
-a fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
-side by side, then the whole pixels.
+Cells and whole pixels are grouped by what they see before any radiance is computed: every sum has a fixed order.
+Both have slots in one array: first the cells, those of a pixel side by side, then the whole pixels.
 
-**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb, in the air above it, and at
-the discs of Sun and Moon. A pixel of space needs no ray. A pixel of even ground is one ray through its centre: where
-radiance changes over an angle s, the mean of 2 x 2 cells differs from the value at the centre by :math:`(p/s)^2/32` for
-pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The scales are
-
-- the angle from the limb, in powers of which a grazing ray's path through the air changes,
-- the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint (:data:`GLINT_RAD`),
-- on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
-  shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
-
-Pixels that are large against gaps in thin cloud are cut. A pixel with the terminator, a coast, the edge of snow or ice
-or a border between kinds of ground is cut, too, and so is everything under clouds.
+**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb, in the air above it, at the
+discs of Sun and Moon, under clouds, at a border between kinds of ground, and where it is large against gaps in thin
+cloud. A pixel of even ground is one ray: where radiance changes over an angle s, the mean of 2 x 2 cells differs from
+the value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s.
+The scales are the angle from the limb, the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint
+(:data:`GLINT_RAD`), and on the ground a sixth of the cosine of the light's zenith angle; in twilight the angle over
+which the Earth's shadow rises by a scale height (:data:`TWILIGHT_RAD`), beyond which there is no light (:data:`NIGHT`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -59,14 +53,12 @@ NIGHT = -0.33
 class PixelKinds:
     """Pixels of a frame by treatment, each rising; pixels that see nothing are in none.
 
-    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air. ``all_cut``: the frame holds only the
-    first.
+    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air.
     """
 
     cut: mi.UInt32
     ground: mi.UInt32
     space: mi.UInt32
-    all_cut: bool = False
 
 
 _CUT, _WHOLE_GROUND, _WHOLE_SPACE, _DARK = range(4)
@@ -77,7 +69,7 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     pixel = dr.arange(mi.UInt32, view.width * view.height)
     if view.every_cell or view.subsamples == 1:
         none = mi.UInt32()
-        return PixelKinds(pixel, none, none, all_cut=True)
+        return PixelKinds(pixel, none, none)
     u, v = view.column_and_row(pixel)
     centre, reach = centre_and_reach(view, u, v, 0.5)
     touched = near_disc(view, sun_disc(view), centre, reach)
@@ -219,8 +211,6 @@ class Cells:
             added = dr.gather(mi.Float64, values, numbers_from(first, more))
             values = dr.gather(mi.Float64, values, dr.arange(mi.UInt32, first))
             dr.scatter_add(values, added, self.second, mode=dr.ReduceMode.NoConflicts)
-        if kinds.all_cut:
-            return dr.block_sum(values, k2) / k2
         image = dr.zeros(mi.Float64, self.view.width * self.view.height)
         first = _cell_count(self.view, kinds)
         if first:
@@ -246,9 +236,7 @@ class CutPixels:
 
     def pixel(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
         """Return (column, row) of the pixels of cells."""
-        pixel = cell // self.view.subsamples**2
-        if not self.kinds.all_cut:
-            pixel = dr.gather(mi.UInt32, self.kinds.cut, pixel)
+        pixel = dr.gather(mi.UInt32, self.kinds.cut, cell // self.view.subsamples**2)
         return self.view.column_and_row(pixel)
 
     def centre(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
@@ -261,11 +249,7 @@ class CutPixels:
 
     def rays(self, cell: mi.UInt32) -> Rays:
         """Return rays through the centres of cells."""
-        if not dr.width(cell):
-            return _no_rays(cell)
-        return Rays(
-            cell, self.view.rays.direction(*self.centre(cell)), dr.ones(mi.Float64, dr.width(cell)), dr.width(cell)
-        )
+        return _through(self.view, cell, lambda: self.centre(cell))
 
 
 _NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
@@ -278,7 +262,8 @@ def group_cells(view: FrameGeometry, outlines: bool = True) -> Cells:
     """
     kinds = sort_pixels(view)
     count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
-    whole = _whole_rays(view, kinds.ground, count)
+    whole_slots = numbers_from(count, dr.width(kinds.ground))
+    whole = _through(view, whole_slots, lambda: view.column_and_row(kinds.ground))
     whole_space = numbers_from(count + dr.width(kinds.ground), dr.width(kinds.space))
     if not count:
         return Cells(view, kinds, _joined([whole]), _no_rays(mi.UInt32()), whole_space, None, None)
@@ -365,13 +350,10 @@ def _picked(rays: Rays, index: mi.UInt32) -> Rays:
     return Rays(dr.gather(mi.UInt32, rays.slot, index), (x, y, z), share, dr.width(index))
 
 
-def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:
-    """Return rays through the centres of whole pixels."""
-    n = dr.width(pixel)
-    if not n:
-        return _no_rays(pixel)
-    direction = view.rays.direction(*view.column_and_row(pixel))
-    return Rays(numbers_from(first_slot, n), direction, dr.ones(mi.Float64, n), n)
+def _through(view: FrameGeometry, slot: mi.UInt32, at: Callable[[], tuple[mi.Float64, mi.Float64]]) -> Rays:
+    """Return rays that fill their slots, through pixel coordinates."""
+    n = dr.width(slot)
+    return Rays(slot, view.rays.direction(*at()), dr.ones(mi.Float64, n), n) if n else _no_rays(slot)
 
 
 @dataclass(frozen=True)
@@ -410,16 +392,10 @@ def edge_geometry(view: FrameGeometry, u: mi.Float64, v: mi.Float64) -> EdgeGeom
 
 def _edge_cells(view: FrameGeometry, cut: CutPixels, edge: mi.UInt32) -> tuple[Rays, Rays]:
     """Return rays of cells on the limb, through the covered parts and through the free parts."""
-    cells = edge_geometry(view, *cut.centre(edge))
-
-    def of(part: mi.Float64, direction: Vec) -> Rays:
-        index = indices_where(part > 0.0)
-        if not dr.width(index):
-            return _no_rays(index)
-        x, y, z, filled = (dr.gather(mi.Float64, c, index) for c in (*direction, part))
-        return Rays(dr.gather(mi.UInt32, edge, index), (x, y, z), filled, dr.width(index))
-
-    return of(cells.share, cells.inner), of(1.0 - cells.share, cells.outer)
+    cells, count = edge_geometry(view, *cut.centre(edge)), dr.width(edge)
+    parts = (cells.share, cells.inner), (1.0 - cells.share, cells.outer)
+    inner, outer = (_picked(Rays(edge, d, part, count), indices_where(part > 0.0)) for part, d in parts)
+    return inner, outer
 
 
 def _no_rays(index: mi.UInt32) -> Rays:

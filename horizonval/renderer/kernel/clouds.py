@@ -1,32 +1,27 @@
 """Cloud tops inside the renderer: a table of the relief as seen from above, and where rays meet it.
 
 The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
-arithmetic as :mod:`horizonval.earth.clouds.relief`; between its nodes the relief is bilinear. At 500 km a node
-stands for 1.9 km, at 36 000 km for 6 km. Structure of the Earth's pattern larger than 75 nodes is computed at every
-fourth node: that moves tops by some 20 m, a tenth of the error of bilinear interpolation between nodes.
+arithmetic as :mod:`horizonval.earth.clouds.relief` and bilinear between its nodes. At 500 km a node stands for 1.9 km,
+at 36 000 km for 6 km. Structure of the Earth's pattern larger than 75 nodes is computed at every fourth node: that
+moves tops by some 20 m, a tenth of the error between nodes.
 
 A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps over
-half a table node; the crossing between the last step outside and the first inside is bisected to 1e-3 of a step. Peaks
-narrower than a step may be missed where a ray grazes them. Points are in single precision, from where a ray
-enters the layer: heights are good to a metre. Two more maps hold the highest top in squares of
-:data:`SQUARES` nodes a side and all around them: steps that stay above it are skipped.
+half a table node; the crossing is bisected to 1e-3 of a step. Peaks narrower than a step may be missed where a ray
+grazes them. Points are in single precision from where a ray enters the layer: heights are good to a metre. Two more
+maps hold the highest top in squares of :data:`SQUARES` nodes a side and around them: steps that stay above are skipped.
 
-**Gaps of thin cloud** are a second equal-area map of everything in sight, made once per camera position by the same
-arithmetic as :mod:`horizonval.earth.clouds.layers` and bilinear between its nodes: :data:`NODES_PER_SCALE` nodes per
-scale of the gaps, and at most :data:`MOST_NODES` along a side. From 500 km that resolves scales of 50 km and more;
-finer edges are blurred to a node, 2 km from 500 km and 4 km from 36 000.
-
-The map is read at the normal of the ellipsoid below a point. With refraction it is that of the straight ray among
-the apparent heights: gaps are displaced by up to 15 km along the ray, the same in all bands.
+**Gaps of thin cloud** are such a map, too (:mod:`horizonval.earth.clouds.layers`): :data:`NODES_PER_SCALE` nodes per
+scale of the gaps, at most :data:`MOST_NODES` along a side, which resolves scales of 50 km and more from 500 km. Finer
+edges are blurred to a node. With refraction the map is read below the straight ray among the apparent heights: gaps are
+displaced by up to 15 km along the ray, the same in all bands.
 """
 
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
-from typing import TypeAlias
+from functools import lru_cache, reduce
 
 import drjit as dr
 import mitsuba as mi
@@ -41,7 +36,7 @@ from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.refraction import BendingField, EnteringAngles, turn_between, vertical_of
+from horizonval.renderer.refraction import END_BENDING_NODES, BendingField, turn_between, vertical_of
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Real, Vec, Vec3, constant, constant_vector, in_single, inverse_root
 
@@ -51,8 +46,6 @@ SPARSER, LARGE_NODES = 4, 75
 MOST_LARGE_OCTAVES = 5
 """From there on decks have cells, which have kinks."""
 BISECTIONS = 10
-BENDING_NODES_ABOVE = 8
-"""Nodes of the bending above the clouds, seen from inside the air: errors below 9e-6 rad, 60 m."""
 NARROWEST_STEP_M = 250.0
 SQUARES = (16, 8)
 MOST_SKIPPED = 20
@@ -63,9 +56,72 @@ SKIP_MARGIN_M = 50.0
 LEAST_COSINE = 0.4
 """Of the elevation of rays whose steps pass over half a node; steps of steeper ones are no longer."""
 NO_TOP_M = -1e9
-_KEPT_TABLES = 2
-_Key: TypeAlias = tuple[CloudField, Planet, tuple[float, float, float], str | None]
-_tables: OrderedDict[_Key, CloudTable] = OrderedDict()
+
+
+@dataclass(frozen=True)
+class GlobeMap:
+    """An equal-area map (Lambert) of what is in sight around ``up``, ``side`` nodes along both axes.
+
+    ``axes``: the map's x and y directions; ``per_unit``: nodes per unit of these.
+    """
+
+    axes: tuple[Vec, Vec]
+    up: Vec
+    per_unit: mi.Float64
+    side: mi.UInt32
+
+    @classmethod
+    def of(
+        cls, planet: Planet, origin: tuple[float, float, float], top_m: float, side: Callable[[float], int]
+    ) -> tuple[GlobeMap, float]:
+        """Return the map around the point below a camera, and its nodes per metre; ``side``: by its size [m]."""
+        r, radius = math.sqrt(sum(v * v for v in origin)), min(planet.a_m, planet.b_m)
+        up = np.array(origin) / r
+        x_axis = perpendicular(up)
+        # to where a ray that just clears the ground leaves what is below a height; 1 deg for the ellipsoid's normals
+        reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + top_m)) + math.radians(1.0)
+        half = 2.0 * math.sin(0.5 * min(reach, math.pi))
+        count = side(2.0 * half * radius)
+        per_unit = 0.5 * (count - 1) / half
+        axes = constant_vector(x_axis), constant_vector(np.cross(up, x_axis))
+        found = cls(axes, constant_vector(up), constant(per_unit), dr.opaque(mi.UInt32, count, 1))
+        return found, per_unit / radius
+
+    def place(self, normal: Vec3[Real]) -> tuple[Real, Real]:
+        """Return column and row of unit normals, from 0 to the last."""
+        real = type(normal[0])
+
+        def toward(axis: Vec) -> Real:
+            return dot(normal, (real(axis[0]), real(axis[1]), real(axis[2])))
+
+        stretch = dr.sqrt(2.0 / dr.maximum(1.0 + toward(self.up), 1e-6)) * real(self.per_unit)
+        last = real(self.side) - 1.0
+        x, y = (dr.clip(dr.fma(toward(axis), stretch, 0.5 * last), 0.0, last) for axis in self.axes)
+        return x, y
+
+    def look(self, values: mi.Float32, normal: Vec3[Real]) -> Real:
+        """Return the bilinear value of a map's nodes."""
+        x, y = self.place(normal)
+        real = type(x)
+        i, j = (dr.minimum(mi.UInt32(v), self.side - 2) for v in (x, y))
+        wx, wy = x - real(i), y - real(j)
+        row = j * self.side + i
+        corners = (row, row + 1, row + self.side, row + self.side + 1)
+        v00, v10, v01, v11 = (real(dr.gather(mi.Float32, values, k)) for k in corners)
+        low, high = dr.fma(v10 - v00, wx, v00), dr.fma(v11 - v01, wx, v01)
+        return dr.fma(high - low, wy, low)
+
+    def normals(self, side: int, every: int = 1) -> Vec:
+        """Return the unit normals at ``side`` nodes along both axes from the first on, at one of ``every`` few."""
+        node, length = dr.arange(mi.UInt32, side * side), dr.opaque(mi.UInt32, side, 1)
+        middle = 0.5 * (mi.Float64(self.side) - 1.0)
+        x, y = ((mi.Float64(k) * float(every) - middle) / self.per_unit for k in (node % length, node // length))
+        rho2 = dr.minimum(x * x + y * y, 4.0)
+        shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
+        u, v, w = (
+            x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*self.axes, self.up, strict=True)
+        )
+        return u, v, w
 
 
 @dataclass(frozen=True)
@@ -79,7 +135,7 @@ class Squares:
 
 @dataclass(frozen=True)
 class CloudTable:
-    """Tops [m] over the globe around ``up``; ``axes`` are the map's x and y directions, ``per_unit`` nodes per unit.
+    """Tops [m] over the globe in sight.
 
     ``albedos``: of the clouds at the same nodes, 0 between them; None where they follow from the height. ``squares``:
     the largest first.
@@ -89,15 +145,13 @@ class CloudTable:
     values: mi.Float32
     albedos: mi.Float32 | None
     squares: tuple[Squares, ...]
-    axes: tuple[Vec, Vec]
-    up: Vec
-    per_unit: mi.Float64
+    globe: GlobeMap
     step_m: mi.Float64
     layer_m: mi.Float64
 
     def top(self, normal: Vec3[Real]) -> Real:
         """Return the relief [m] at unit normals: below BASE_M where there is no cloud."""
-        return self._look(self.values, normal)
+        return self.globe.look(self.values, normal)
 
     @property
     def translucent(self) -> bool:
@@ -108,84 +162,38 @@ class CloudTable:
         """Return the albedo of clouds at heights of their tops below verticals, over that of the brightest."""
         if self.albedos is None:
             return brightness(self.field, height, normal)
-        return self._look(self.albedos, normal) / constant(max(self.field.albedo, 1e-6))
+        return self.globe.look(self.albedos, normal) / constant(max(self.field.albedo, 1e-6))
 
     def highest_around(self, squares: Squares, normal: Vec3[Real]) -> Real:
         """Return what no top is above within a map's steps of unit normals: far below zero where there is none."""
-        x, y = self._place(normal)
+        x, y = self.globe.place(normal)
         square = mi.UInt32(y) // squares.side * (TABLE_SIDE // squares.side) + mi.UInt32(x) // squares.side
         return type(x)(dr.gather(mi.Float32, squares.highest, square))
-
-    def _place(self, normal: Vec3[Real]) -> tuple[Real, Real]:
-        real = type(normal[0])
-
-        def toward(axis: Vec) -> Real:
-            return dot(normal, (real(axis[0]), real(axis[1]), real(axis[2])))
-
-        stretch = dr.sqrt(2.0 / dr.maximum(1.0 + toward(self.up), 1e-6)) * real(self.per_unit)
-        east, north = (toward(axis) for axis in self.axes)
-        x, y = (dr.fma(c, stretch, 0.5 * (TABLE_SIDE - 1)) for c in (east, north))
-        x, y = (dr.clip(c, 0.0, TABLE_SIDE - 1.001) for c in (x, y))
-        return x, y
-
-    def _look(self, values: mi.Float32, normal: Vec3[Real]) -> Real:
-        """Return the bilinear value of a map."""
-        x, y = self._place(normal)
-        i, j = mi.UInt32(x), mi.UInt32(y)
-        wx, wy = x - type(x)(i), y - type(y)(j)
-        row = j * TABLE_SIDE + i
-        v00, v10, v01, v11 = (
-            type(x)(dr.gather(mi.Float32, values, row + k)) for k in (0, 1, TABLE_SIDE, TABLE_SIDE + 1)
-        )
-        low, high = dr.fma(v10 - v00, wx, v00), dr.fma(v11 - v01, wx, v01)
-        return dr.fma(high - low, wy, low)
 
 
 def cloud_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
     """Return the relief around the point below a camera; those of the last few cameras stay."""
-    key = (field, planet, origin, mi.variant())
-    if key not in _tables:
-        _tables[key] = _make_table(field, planet, origin)
-        if len(_tables) > _KEPT_TABLES:
-            _tables.popitem(last=False)
-    _tables.move_to_end(key)
-    return _tables[key]
+    return _cloud_table(field, planet, origin, mi.variant())
 
 
-def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
-    r = math.sqrt(sum(v * v for v in origin))
-    up = np.array(origin) / r
-    x_axis = perpendicular(up)
-    y_axis = np.cross(up, x_axis)
-    radius = min(planet.a_m, planet.b_m)
-    # a ray that just clears the ground may meet a top beyond the horizon; 1 deg for the ellipsoid's normals
-    reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + field.top_m)) + math.radians(1.0)
-    half = 2.0 * math.sin(0.5 * min(reach, math.pi))
-    per_unit = 0.5 * (TABLE_SIDE - 1) / half
-    east, north, vertical = (constant_vector(w) for w in (x_axis, y_axis, up))
+@lru_cache(maxsize=2)
+def _cloud_table(
+    field: CloudField, planet: Planet, origin: tuple[float, float, float], variant: str | None
+) -> CloudTable:
+    globe, per_m = GlobeMap.of(planet, origin, field.top_m, lambda _: TABLE_SIDE)
     albedos = None
     if field.pattern == "earth":
-        depth, at = _relief_of_earth(field, (east, north, vertical), per_unit)
+        depth, at = _relief_of_earth(field, globe, per_m)
         arithmetic = kernel_arithmetic()
-        ceiling = _tropopause(mi.Float32(_on_globe(*_nodes(TABLE_SIDE), per_unit, (east, north, vertical))[2]))
+        ceiling = _tropopause(mi.Float32(globe.normals(TABLE_SIDE)[2]))
         values = earth_pattern.top_m(depth, at, ceiling, mi.Float32(constant(field.top_m)), arithmetic)
-        albedo = earth_pattern.albedo(depth, at, arithmetic)
-        albedos = dr.minimum(albedo, mi.Float32(constant(field.albedo)))
+        albedos = dr.minimum(earth_pattern.albedo(depth, at, arithmetic), mi.Float32(constant(field.albedo)))
     else:
-        values = mi.Float32(top_at(field, _on_globe(*_nodes(TABLE_SIDE), per_unit, (east, north, vertical))))
+        values = mi.Float32(top_at(field, globe.normals(TABLE_SIDE)))
     dr.eval(values, albedos)
-    step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
-    return CloudTable(
-        field,
-        values,
-        albedos,
-        _squares(values, STRETCH * step_m * per_unit / radius),
-        (east, north),
-        vertical,
-        constant(per_unit),
-        constant(step_m),
-        constant(field.top_m),
-    )
+    step_m = max(0.5 / per_m, NARROWEST_STEP_M)
+    squares = _squares(values, STRETCH * step_m * per_m)
+    return CloudTable(field, values, albedos, squares, globe, constant(step_m), constant(field.top_m))
 
 
 def _squares(values: mi.Float32, nodes_per_step: float) -> tuple[Squares, ...]:
@@ -207,32 +215,14 @@ def _highest_in_squares(tops: NDArray[np.float32], side: int) -> NDArray[np.floa
     return reduce(np.maximum, (rows[:, k::side] for k in range(side)))
 
 
-def _nodes(side: int) -> tuple[mi.Float64, mi.Float64]:
-    """Return columns and rows of the nodes of a square map, counted from its middle."""
-    node = dr.arange(mi.UInt32, side * side)
-    middle = 0.5 * (side - 1)
-    return mi.Float64(node % side) - middle, mi.Float64(node // side) - middle
-
-
-def _on_globe(column: mi.Float64, row: mi.Float64, per_unit: float, axes: tuple[Vec, Vec, Vec]) -> Vec:
-    """Return the unit normals at places of the map; ``axes``: its x, its y, and up."""
-    x, y = column * constant(1.0 / per_unit), row * constant(1.0 / per_unit)
-    rho2 = dr.minimum(x * x + y * y, 4.0)
-    shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
-    u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*axes, strict=True))
-    return u, v, w
-
-
-def _relief_of_earth(field: CloudField, axes: tuple[Vec, Vec, Vec], per_unit: float) -> tuple[mi.Float32, Local]:
+def _relief_of_earth(field: CloudField, globe: GlobeMap, per_m: float) -> tuple[mi.Float32, Local]:
     """Return :func:`earth_clouds` at the nodes of the table, what is large from every fourth of them."""
     coarse, arithmetic = field.coarse(), kernel_arithmetic()
     seed = dr.opaque(mi.UInt32, field.seed, 1)
-    cells = per_unit * earth_pattern.LARGEST_M / earth_pattern.EARTH_RADIUS_M / LARGE_NODES
+    cells = per_m * earth_pattern.LARGEST_M / LARGE_NODES
     large_ones = min(1 + math.floor(math.log2(max(cells, 1.0))), MOST_LARGE_OCTAVES)
     side = TABLE_SIDE // SPARSER + 1
-    offset = 0.5 * (SPARSER * (side - 1) - (TABLE_SIDE - 1))
-    sparse_column, sparse_row = (SPARSER * c + offset for c in _nodes(side))
-    normal = _on_globe(sparse_column, sparse_row, per_unit, axes)
+    normal = globe.normals(side, SPARSER)
     channels = _coarse_channels(coarse, normal)
     at = earth_pattern.local(channels, arithmetic)
     large = earth_pattern.octaves(normal, at, seed, arithmetic, range(large_ones))
@@ -253,7 +243,7 @@ def _relief_of_earth(field: CloudField, axes: tuple[Vec, Vec, Vec], per_unit: fl
     corners = (gather_row(sparse, first + k, earth_pattern.CHANNELS) for k in (0, 1, side, side + 1))
     between = [dr.lerp(dr.lerp(a, b, wx), dr.lerp(c, d, wx), wy) for a, b, c, d in zip(*corners, strict=True)]
     at = earth_pattern.local(between, arithmetic)
-    normal = _on_globe(*_nodes(TABLE_SIDE), per_unit, axes)
+    normal = globe.normals(TABLE_SIDE)
     small = earth_pattern.octaves(normal, at, seed, arithmetic, range(large_ones, earth_pattern.OCTAVES))
     noise = small / earth_pattern.sigma(at, arithmetic) + at.lift
     rank = rank_of(mi.Float64(noise), coarse.lowest, coarse.highest, coarse.rank)
@@ -268,14 +258,6 @@ def kernel_arithmetic() -> Arithmetic:
 def _split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float32]:
     whole = mi.UInt32(v)
     return whole, mi.Float32(v - mi.Float64(whole))
-
-
-def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
-    """Return :func:`horizonval.earth.clouds.earth_pattern.depth_at` at unit normals."""
-    coarse, arithmetic = field.coarse(), kernel_arithmetic()
-    at = earth_pattern.local(_coarse_channels(coarse, normal), arithmetic)
-    noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
-    return earth_pattern.depth(rank_of(noise, coarse.lowest, coarse.highest, coarse.rank), at, arithmetic), at
 
 
 def _coarse_channels(coarse: Coarse, normal: Vec) -> list[mi.Float64]:
@@ -308,12 +290,7 @@ def rank_of(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) 
 
 
 def top_at(field: CloudField, normal: Vec) -> mi.Float64:
-    """Return :func:`horizonval.earth.clouds.relief.top_m` at unit normals."""
-
-    if field.pattern == "earth":
-        depth, at = earth_clouds(field, normal)
-        ceiling = _tropopause(normal[2])
-        return earth_pattern.top_m(depth, at, ceiling, constant(field.top_m), kernel_arithmetic())
+    """Return :func:`horizonval.earth.clouds.relief.top_m` of the uniform pattern at unit normals."""
     cover = constant(field.share)
     u = rank_of(relief.noise(normal, field, _split, mi.Float32), *relief.rank_table(field))
     s = (u - (1.0 - cover)) / cover
@@ -338,18 +315,6 @@ def _tropopause(z: Real) -> Real:
     # tanh((latitude - 40) / 10), by a function that a GPU has in double precision
     poleward = 1.0 - 2.0 / (dr.exp((latitude - 40.0) / 5.0) + 1.0)
     return middle - half * poleward
-
-
-def turned_above(
-    table: CloudTable, planet: Planet, bending: BendingField, o: Vec, d: Vec, start: mi.Float64, mu: mi.Float32
-) -> mi.Float32:
-    """Return the bending angle [rad] of rays at ``start``, the top of the clouds; ``mu``.
-
-    Cosine to the vertical there.
-    """
-    if dr.width(o[0]) == 1 and float(dot(o, o)[0]) > (planet.a_m + bending.top_m) ** 2:
-        return EnteringAngles.of(bending, float(table.layer_m[0])).at(mu)
-    return mi.Float32(bending.angle(o, d, BENDING_NODES_ABOVE, start, single=True))
 
 
 def first_cloud(
@@ -382,10 +347,23 @@ def first_cloud_and_turn(
     rise = dot(planet.height_and_normal(entry)[1], along_ray)
     step_m = single(table.step_m) * inverse_root(dr.maximum(1.0 - rise * rise, LEAST_COSINE**2))
     count = dr.ceil(way / step_m)
-    up = None if bending is None else in_single(bending.up(o, d))
 
-    def point_at(s: mi.Float32) -> Vec3[mi.Float32]:
-        return along(entry, along_ray, s)
+    up = None if bending is None else in_single(bending.up(o, d))
+    at_start = rate_at_start = zero = 0.0 * way
+    if bending is not None and up is not None:
+        at_start = single(bending.angle(o, d, END_BENDING_NODES, start, single=True))
+        rate_at_start = bending.look(entry, up).rate
+
+    def place(
+        s: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32
+    ) -> tuple[mi.Float32, Vec3[mi.Float32], mi.Float32, mi.Float32]:
+        """Return heights, verticals, bending angles and their rate behind the entry, by those at ``before``."""
+        point = along(entry, along_ray, s)
+        if bending is None or up is None:
+            return *planet.height_and_normal(point), angle, rate
+        bent = bending.look(point, up)
+        angle = dr.fma(turn_between(rate, bent.rate), s - before, angle)
+        return bent.true_m, vertical_of(bent.normal, along_ray, angle), angle, bent.rate
 
     def inside(height: mi.Float32, normal: Vec3[mi.Float32]) -> mi.Bool:
         top = table.top(normal)
@@ -395,28 +373,17 @@ def first_cloud_and_turn(
         i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, hit: mi.Bool, going: mi.Bool
     ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Bool, mi.Bool]:
         s = dr.minimum(i * step_m, way)
-        if bending is None or up is None:
-            height, normal = planet.height_and_normal(point_at(s))
-        else:
-            point = bending.look(point_at(s), up)
-            angle = dr.fma(turn_between(rate, point.rate), s - before, angle)
-            rate = point.rate
-            height, normal = point.true_m, vertical_of(point.normal, along_ray, angle)
-        hit = inside(height, normal)
+        height, vertical, angle, rate = place(s, before, angle, rate)
+        hit = inside(height, vertical)
         # steps to where the ray may come down to the highest top around
-        falling = dr.maximum(-dot(normal, along_ray) * step_m, 1e-3)
+        falling = dr.maximum(-dot(vertical, along_ray) * step_m, 1e-3)
         steps = single(1.0)
         for squares in table.squares:
-            free = dr.floor((height - SKIP_MARGIN_M - table.highest_around(squares, normal)) / falling) + 1.0
+            free = dr.floor((height - SKIP_MARGIN_M - table.highest_around(squares, vertical)) / falling) + 1.0
             steps = dr.maximum(steps, dr.minimum(free, single(squares.steps)))
         following = dr.select(hit, i, i + steps)
         return following, s, angle, rate, hit, ~hit & (following <= count)
 
-    zero = 0.0 * way
-    at_start = rate_at_start = zero
-    if bending is not None and up is not None:
-        at_start = turned_above(table, planet, bending, o, d, start, -rise)
-        rate_at_start = bending.look(entry, up).rate
     index, last, angle, rate, hit, _ = dr.while_loop(
         (zero, zero + 0.0, at_start, rate_at_start, meets & ~meets, dr.copy(meets)),
         lambda i, before, angle, rate, hit, going: going,
@@ -427,11 +394,7 @@ def first_cloud_and_turn(
 
     def halve(k: mi.UInt32, low: mi.Float32, high: mi.Float32) -> tuple[mi.UInt32, mi.Float32, mi.Float32]:
         middle = 0.5 * (low + high)
-        if bending is None or up is None:
-            covered = inside(*planet.height_and_normal(point_at(middle)))
-        else:
-            point = bending.look(point_at(middle), up)
-            covered = inside(point.true_m, vertical_of(point.normal, along_ray, angle))
+        covered = inside(*place(middle, middle, angle, rate)[:2])
         return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
 
     high = dr.minimum(index * step_m, way)
@@ -443,31 +406,20 @@ def first_cloud_and_turn(
         label="cloud edge",
     )
     t = start + mi.Float64(high)
-    if bending is None or up is None:
+    if bending is None:
         return hit, t, None
-    stop = dr.select(hit, high, way)
-    further = turn_between(rate, bending.look(point_at(stop), up).rate) * (stop - last)
-    return hit, t, mi.Float64(angle + further)
+    return hit, t, mi.Float64(place(dr.select(hit, high, way), last, angle, rate)[2])
 
 
 NODES_PER_SCALE, MOST_NODES = 32, 3072
-_KEPT_MAPS = 4
-_MapKey: TypeAlias = tuple[LayerGaps, Planet, tuple[float, float, float], float, str | None]
-_maps: OrderedDict[_MapKey, GapMap] = OrderedDict()
 
 
 @dataclass(frozen=True)
 class GapMap:
-    """The cloud's share of the mean column, f / c, less one, around ``up``; ``side`` nodes along both axes.
-
-    ``axes``: the map's x and y directions; ``per_unit``: nodes per unit; ``cover``: c; ``scale_m``: of the gaps.
-    """
+    """The cloud's share of the mean column, f / c, less one; ``cover``: c; ``scale_m``: of the gaps."""
 
     values: mi.Float32
-    axes: tuple[Vec, Vec]
-    up: Vec
-    per_unit: mi.Float64
-    side: mi.UInt32
+    globe: GlobeMap
     cover: mi.Float64
     scale_m: float
 
@@ -477,53 +429,27 @@ class GapMap:
 
     def excess(self, normal: Vec) -> mi.Float64:
         """Return by how much of the mean column a layer exceeds it below unit normals: -1 in a gap."""
-        stretch = dr.sqrt(2.0 / dr.maximum(1.0 + dot(normal, self.up), 1e-6)) * self.per_unit
-        last = mi.Float64(self.side) - 1.0
-        x, y = (dr.clip(dr.fma(dot(normal, axis), stretch, 0.5 * last), 0.0, last) for axis in self.axes)
-        i, j = (dr.minimum(mi.UInt32(v), self.side - 2) for v in (x, y))
-        wx, wy = mi.Float32(x - mi.Float64(i)), mi.Float32(y - mi.Float64(j))
-        row = j * self.side + i
-        corners = (row, row + 1, row + self.side, row + self.side + 1)
-        v00, v10, v01, v11 = (dr.gather(mi.Float32, self.values, k) for k in corners)
-        low, high = dr.fma(v10 - v00, wx, v00), dr.fma(v11 - v01, wx, v01)
-        return mi.Float64(dr.fma(high - low, wy, low))
+        return self.globe.look(self.values, normal)
 
 
 def gap_map(gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float], top_m: float) -> GapMap:
     """Return the map of a layer below ``top_m`` around the point below a camera; those of the last few stay."""
-    key = (gaps, planet, origin, top_m, mi.variant())
-    if key not in _maps:
-        _maps[key] = _make_map(gaps, planet, origin, top_m)
-        if len(_maps) > _KEPT_MAPS:
-            _maps.popitem(last=False)
-    _maps.move_to_end(key)
-    return _maps[key]
+    return _gap_map(gaps, planet, origin, top_m, mi.variant())
 
 
-def _make_map(gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float], top_m: float) -> GapMap:
-    r = math.sqrt(sum(v * v for v in origin))
-    up = np.array(origin) / r
-    x_axis = perpendicular(up)
-    axes = constant_vector(x_axis), constant_vector(np.cross(up, x_axis))
-    vertical = constant_vector(up)
-    radius = min(planet.a_m, planet.b_m)
-    # to where a ray that just clears the ground leaves the layer; 1 deg for the ellipsoid's normals
-    reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + top_m)) + math.radians(1.0)
-    half = 2.0 * math.sin(0.5 * min(reach, math.pi))
-    side = min(MOST_NODES, math.ceil(2.0 * half * radius / gaps.scale_m * NODES_PER_SCALE))
-    per_unit = constant(0.5 * (side - 1) / half)
-    row_length = dr.opaque(mi.UInt32, side, 1)
-    node = dr.arange(mi.UInt32, side * side)
-    x = (mi.Float64(node % row_length) - constant(0.5 * (side - 1))) / per_unit
-    y = (mi.Float64(node // row_length) - constant(0.5 * (side - 1))) / per_unit
-    rho2 = dr.minimum(x * x + y * y, 4.0)
-    shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
-    u, v, w = (x * shrink * e + y * shrink * n + rise * z for e, n, z in zip(*axes, vertical, strict=True))
-    arithmetic = kernel_arithmetic()
-    seed = dr.opaque(mi.UInt32, gaps.seed, 1)
-    noise = layers.gap_noise(gaps, (u, v, w), seed, arithmetic.split, arithmetic.real)
+@lru_cache(maxsize=4)
+def _gap_map(
+    gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float], top_m: float, variant: str | None
+) -> GapMap:
+    def side(size_m: float) -> int:
+        return min(MOST_NODES, math.ceil(size_m / gaps.scale_m * NODES_PER_SCALE))
+
+    globe, _ = GlobeMap.of(planet, origin, top_m, side)
+    arithmetic, seed = kernel_arithmetic(), dr.opaque(mi.UInt32, gaps.seed, 1)
+    normal = globe.normals(int(globe.side[0]))
+    noise = layers.gap_noise(gaps, normal, seed, arithmetic.split, arithmetic.real)
     rank = rank_of(mi.Float64(noise), *layers.rank_table(gaps))
     cloudy = dr.clip((rank - constant(1.0 - gaps.cover)) / constant(gaps.softness) + 0.5, 0.0, 1.0)
     values = mi.Float32(cloudy / constant(gaps.cover) - 1.0)
     dr.eval(values)
-    return GapMap(values, axes, vertical, per_unit, row_length, constant(gaps.cover), gaps.scale_m)
+    return GapMap(values, globe, constant(gaps.cover), gaps.scale_m)

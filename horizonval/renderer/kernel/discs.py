@@ -44,8 +44,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.geometry.rotation import tangent_basis
 from horizonval.renderer.planet import distance_squared, dot
-from horizonval.renderer.types import Vec, indices_where, inverse_root
+from horizonval.renderer.types import Vec, constant_vector, indices_where, inverse_root
 
 
 def _root(low: mi.Float64, mid: mi.Float64, high: mi.Float64) -> mi.Float64:
@@ -224,7 +225,8 @@ def disc_cells(
     # data, not constants: frames share compiled kernels whatever their splitting
     parts, across = dr.opaque(mi.UInt32, splits**2, 1), dr.opaque(mi.UInt32, splits, 1)
     small = dr.opaque(mi.Float64, size / splits, 1)
-    e1, e2 = _axes(disc.direction)
+    across_disc = tangent_basis(np.array([float(c[0]) for c in disc.direction])).T
+    e1, e2 = (constant_vector(axis) for axis in across_disc)
     sine, cosine = dr.sincos(disc.radius)
     tangent = sine / cosine
 
@@ -312,16 +314,3 @@ def _phase(disc: Disc, axes: tuple[Vec, Vec], corners: list[tuple[mi.Float64, mi
             total = total + weight * mu0 / (mu0 + mu)
             points = points + weight
     return total / (points * dr.maximum(whole, 1e-9))
-
-
-def _axes(s: Vec) -> tuple[Vec, Vec]:
-    """Return two unit vectors across ``s``."""
-    steep = dr.abs(s[0]) < 0.6
-    helper = (dr.select(steep, mi.Float64(1.0), 0.0), dr.select(steep, mi.Float64(0.0), 1.0), mi.Float64(0.0))
-    x = s[1] * helper[2] - s[2] * helper[1]
-    y = s[2] * helper[0] - s[0] * helper[2]
-    z = s[0] * helper[1] - s[1] * helper[0]
-    scale = inverse_root(x * x + y * y + z * z)
-    e1 = (x * scale, y * scale, z * scale)
-    e2 = (s[1] * e1[2] - s[2] * e1[1], s[2] * e1[0] - s[0] * e1[2], s[0] * e1[1] - s[1] * e1[0])
-    return e1, e2

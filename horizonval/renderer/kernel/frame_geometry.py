@@ -85,15 +85,15 @@ class RayCamera:
         shape = camera.shape if camera.projection == "unified" else None
         circle = _circle(camera)
         return cls(
-            [dr.opaque(mi.Float64, float(v), 1) for v in numbers],
-            [dr.opaque(mi.Float64, float(v), 1) for v in itrs_from_cam.ravel()],
+            [constant(v) for v in numbers],
+            [constant(v) for v in itrs_from_cam.ravel()],
             camera.projection,
             distorted,
             _stages(camera) if distorted else 1,
-            dr.opaque(mi.Float64, _widest(camera.distortion), 1) if camera.projection == "fisheye" else None,
-            None if circle is None else dr.opaque(mi.Float64, circle, 1),
-            dr.opaque(mi.Float64, camera.skew, 1) if camera.skew else None,
-            None if shape is None else [dr.opaque(mi.Float64, float(v), 1) for v in shape],
+            constant(_widest(camera.distortion)) if camera.projection == "fisheye" else None,
+            None if circle is None else constant(circle),
+            constant(camera.skew) if camera.skew else None,
+            None if shape is None else [constant(v) for v in shape],
         )
 
     def direction(self, u: mi.Float64, v: mi.Float64) -> Vec:
@@ -168,11 +168,8 @@ class RayCamera:
 
     def _rotate(self, x: mi.Float64, y: mi.Float64, z: mi.Float64) -> Vec:
         m = self.rows
-        return (
-            m[0] * x + m[1] * y + m[2] * z,
-            m[3] * x + m[4] * y + m[5] * z,
-            m[6] * x + m[7] * y + m[8] * z,
-        )
+        a, b, c = (m[k] * x + m[k + 1] * y + m[k + 2] * z for k in (0, 3, 6))
+        return a, b, c
 
 
 def _from_sphere(shape: Values, x: mi.Float64, y: mi.Float64) -> Vec:
@@ -290,7 +287,7 @@ class FrameGeometry:
     shadow. ``glow_top_m``: nothing shines above; at least ``top_m``. With refraction ``planet``, ``top_m`` and
     ``origin`` are apparent ones, among which light goes straight, and ``bending`` says by how much it bends.
     ``gap_maps``: one per layer of thin cloud, None for one without gaps; empty where none has any. ``every_cell``: cut
-    all pixels into cells (see ``whole_pixels``).
+    all pixels into cells (see ``cells``).
     """
 
     rays: RayCamera

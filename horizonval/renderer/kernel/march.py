@@ -13,7 +13,7 @@ function S::
 
 Which of them a march adds up, its node batch says (``node_batches``). Where the steps go is in
 :mod:`horizonval.renderer.planet`: dense where the air is dense, no step straddles the umbra's edge, and airglow,
-which comes from a thin layer high up, has them above that layer's lower edge.
+which comes from a thin layer high up, has steps of its own there.
 
 **One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
 over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp(-tau)`` with Gauss weights, thick ones
@@ -26,7 +26,7 @@ atomics; every ray is summed in its own lane in a fixed order.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -34,20 +34,19 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, ShiningNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import (
-    EmittingRays,
-    Point,
-    RaySource,
-    State,
-    SunlitRays,
-    bent_ray,
-    repeated,
-    round_of,
-)
+from horizonval.renderer.kernel.ray_sources import STEPS, Point, State, SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
-from horizonval.renderer.planet import GAUSS_LOW, AirPath, LayeredSteps, Planet, find_path, umbra_edges, warp
-from horizonval.renderer.refraction import refracted_umbra
-from horizonval.renderer.types import Values, Vec, constant
+from horizonval.renderer.planet import (
+    GAUSS_LOW,
+    SOLAR_CONCENTRATION,
+    AirPath,
+    LayerBand,
+    Planet,
+    find_path,
+    layered_steps,
+    warp,
+)
+from horizonval.renderer.types import Values, Vec
 
 THICK_STEP = 0.5
 
@@ -61,7 +60,6 @@ def march(
     sun: Vec,
     to_ground: mi.Bool,
     nodes: int,
-    concentration: float,
     hit: SurfaceHit | None = None,
     ground_factors: tuple[Values, Values | None] | None = None,
 ) -> tuple[Values, Values]:
@@ -77,8 +75,6 @@ def march(
         Add the ground and stop there; the rays must hit it.
     nodes : int
         Evaluations along each ray (two per step).
-    concentration : float
-        The ``c`` of :mod:`horizonval.renderer.planet`: smaller is denser near the lowest point.
     hit : SurfaceHit, optional
         What is at the rays' ends, clouds included; default: a Lambert ground, no clouds.
     ground_factors : tuple of Values, optional
@@ -86,9 +82,13 @@ def march(
         separate (``SolarNodes.bounce``). By default it is left out.
     """
     cloud = None if hit is None else (hit.cloud, hit.t)
-    air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, cloud)
+    air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, cloud)
     along_rays, sky = ground_factors or (None, None)
-    ground = air.source.ground_radiance(air.path, hit, air.state, sky)
+    if isinstance(batch, GlowNodes):
+        ground = batch.ground
+    else:
+        assert air.rays is not None
+        ground = air.rays.ground_radiance(air.path, hit, air.state[1], sky)
     ends = to_ground if hit is None else hit.ends
     pairs = zip(air.over_ground(along_rays), ground, air.transmittance, strict=True)
     return [r + dr.select(ends, g * t, 0.0) for r, g, t in pairs], air.transmittance
@@ -105,7 +105,7 @@ class AirMarch:
     bounce: Values
     transmittance: Values
     path: AirPath
-    source: RaySource
+    rays: SunlitRays | None
     state: State
 
     def over_ground(self, factors: Values | None) -> Values:
@@ -129,41 +129,44 @@ def march_air(
     sun: Vec,
     to_ground: mi.Bool,
     nodes: int,
-    concentration: float,
     cloud: tuple[mi.Bool, mi.Float64] | None = None,
-    steady: bool = False,
-    lit: bool = False,
+    lit: bool | None = None,
 ) -> AirMarch:
     """Return the radiance and transmittance of the air along rays, without what is at their ends.
 
-    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`, ``steady`` as of
-    :func:`horizonval.renderer.planet.lit_steps`; ``lit``: the caller knows that no shadow cuts the rays.
+    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`; ``lit``:
+    whether no shadow cuts the rays; None if that is not known, and rays that one cuts have twice the steps.
     """
-    count = _step_count(nodes, round_of(batch).steps)
+    count = max(nodes // 2, 3)
     # as data, so that rays to the ground and past it share a kernel
     dr.make_opaque(to_ground)
     path = find_path(planet, top_m, o, d, to_ground, cloud)
-    source: RaySource
+    bands, shadow = batch.bands, None
+    rays = None
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady, to_ground, lit)
+        rays = SunlitRays.of(batch, planet, path, o, d, sun)
+        shadow = rays.shadow(path, 0 if lit else count // 2)
     else:
-        source = EmittingRays.of(batch, planet, path, o, d, count, concentration, to_ground)
-    bound = _bounds(path, source, count, concentration)
-    steps = source.steps.count if isinstance(source.steps, LayeredSteps) else dr.opaque(mi.UInt32, count, 1)
-    tau, radiance, state = _integrate(planet, path, batch, source, o, d, steps, bound)
+        bands = bands or (LayerBand(batch.layer_m, top_m),)
+    steps = layered_steps(planet, path, o, d, bands, count, umbra=shadow, spare=bool(lit), twice=lit is None)
+
+    def bound(i: mi.Float64) -> mi.Float64:
+        return warp(path, steps.boundary(i))
+
+    tau, radiance, state = _integrate(planet, path, batch, rays, o, d, steps.count, bound)
     width = batch.width
-    return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, source, state)
+    return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, rays, state)
 
 
-def optical_depth(
-    planet: Planet, top_m: float, batch: OpacityNodes, o: Vec, d: Vec, nodes: int, concentration: float
-) -> Values:
+def optical_depth(planet: Planet, top_m: float, batch: OpacityNodes, o: Vec, d: Vec, nodes: int) -> Values:
     """Return the optical depth of every spectral node of a batch along rays past the ground; as :func:`march`."""
-    count = _step_count(nodes, 1)
     path = find_path(planet, top_m, o, d, mi.Bool(False))
-    source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
-    bound = _bounds(path, source, count, concentration)
-    return _integrate(planet, path, batch, source, o, d, count, bound)[0]
+    steps = layered_steps(planet, path, o, d, (), max(nodes // 2, 3))
+
+    def bound(i: mi.Float64) -> mi.Float64:
+        return warp(path, steps.boundary(i))
+
+    return _integrate(planet, path, batch, None, o, d, steps.count, bound)[0]
 
 
 @dataclass(frozen=True)
@@ -207,8 +210,8 @@ class SunlitStations:
             low, high = dr.select(past(k), values[k], low), dr.select(past(k), values[k + 1], high)
         return low, high
 
-    def bound(self, path: AirPath, edges: tuple[mi.Float64, mi.Float64], c: float, i: mi.Float64) -> mi.Float64:
-        """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, ``c`` as of :func:`warp`."""
+    def bound(self, path: AirPath, edges: Sequence[mi.Float64], i: mi.Float64) -> mi.Float64:
+        """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, where a shadow may cut rays."""
         start = path.t_low - path.length_before
         ahead = i < self.before
         past = dr.maximum(i - self.before, 0.0)
@@ -217,10 +220,10 @@ class SunlitStations:
         spacing = (last - first) / (following - number)
         low = dr.select(ahead, start, dr.fma(spacing, station - number, first))
         high = dr.select(ahead, self.cuts[0], low + spacing)
-        pieces = 3.0 if self.shadow else 1.0
+        pieces = 3.0 if edges else 1.0
         share = dr.select(ahead, i * (pieces / self.before), within * pieces)
         begin, end = low, high
-        if self.shadow:
+        if edges:
             piece = dr.minimum(dr.floor(share + 1e-9), 2.0)
             share = share - piece
             cuts = [low, *(dr.clip(edge, low, high) for edge in edges), high]
@@ -228,7 +231,7 @@ class SunlitStations:
             end = dr.select(piece < 0.5, cuts[1], dr.select(piece < 1.5, cuts[2], cuts[3]))
         # dense towards the stations, where the air is
         left = 1.0 - share
-        left = left * dr.fma(left * left, 1.0 - c, c)
+        left = left * dr.fma(left * left, 1.0 - SOLAR_CONCENTRATION, SOLAR_CONCENTRATION)
         t = dr.select(ahead, end - (end - begin) * left, begin + (end - begin) * share)
         # where a ray just touches the top of the air the first station may lie before it
         return dr.maximum(t, start)
@@ -242,7 +245,6 @@ def march_to_stations(
     d: Vec,
     sun: Vec,
     to_ground: bool,
-    concentration: float,
     stations: SunlitStations,
     *,
     attenuated: bool = True,
@@ -256,20 +258,19 @@ def march_to_stations(
     dr.make_opaque(ends)
     path = find_path(planet, top_m, o, d, ends)
     count = stations.before + stations.steps
-    source: RaySource
+    rays, edges = None, list[mi.Float64]()
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
-    else:
-        source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
-    edges = _shadow_edges(planet, path, batch, o, d, sun, count, concentration)
-    rays = dr.width(path.t_low)
+        rays = SunlitRays.of(batch, planet, path, o, d, sun)
+        if stations.shadow:
+            edges = [warp(path, y) for y in rays.shadow(path, count // 2)]
+    lanes = dr.width(path.t_low)
     # as data: frames with other numbers of rays share the kernel
-    lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
+    lane, width = dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, lanes, 1)
     parts = _parts(batch)
-    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range((parts + 1) * batch.width)]
+    noted = [dr.zeros(mi.Float64, lanes * stations.count) for _ in range((parts + 1) * batch.width)]
 
     def bound(i: mi.Float64) -> mi.Float64:
-        return stations.bound(path, edges, concentration, i)
+        return stations.bound(path, edges, i)
 
     def note(i: mi.UInt32, tau: Values, radiance: Values) -> tuple[Values, Values]:
         station, within = stations.interval(dr.maximum(mi.Float64(i) - stations.before, 0.0))
@@ -281,7 +282,7 @@ def march_to_stations(
         tau, radiance = ([dr.select(here, 0.0, v) for v in sums] for sums in (tau, radiance))
         return tau, radiance
 
-    _, _, state = _integrate(planet, path, batch, source, o, d, count, bound, note, attenuated)
+    _, _, state = _integrate(planet, path, batch, rays, o, d, count, bound, note, attenuated)
     first, last = batch.width, parts * batch.width
     return noted[:first], noted[first:last], noted[last:], state[1]
 
@@ -291,49 +292,15 @@ def _parts(batch: ShiningNodes | OpacityNodes) -> int:
     return 2 if isinstance(batch, SolarNodes) and batch.bounce is not None else 1
 
 
-def _shadow_edges(
-    planet: Planet,
-    path: AirPath,
-    batch: SolarNodes | GlowNodes,
-    o: Vec,
-    d: Vec,
-    sun: Vec,
-    count: int,
-    concentration: float,
-) -> tuple[mi.Float64, mi.Float64]:
-    """Return the ray parameters where rays enter and leave the umbra; infinite, or their ends, where they do not."""
-    bent = bent_ray(batch, planet, path, o, d, sun) if isinstance(batch, SolarNodes) else None
-    if bent is not None:
-        crossings = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
-        entering, leaving = (warp(path, y, concentration) for y in crossings)
-        return entering, leaving
-    enter, enters, leave, leaves = umbra_edges(planet, o, d, sun)
-    return dr.select(enters, enter, -dr.inf), dr.select(leaves, leave, dr.inf)
-
-
-def _step_count(nodes: int, together: int) -> int:
-    return -(-max(nodes // 2, 3) // together) * together
-
-
 Bound: TypeAlias = "Callable[[mi.Float64], mi.Float64]"
 """Ray parameter [m] at a step's beginning, by the step's number."""
-
-
-def _bounds(path: AirPath, source: RaySource, count: int, concentration: float) -> Bound:
-    # as data: marches of more and fewer points share a kernel
-    total = constant(count)
-
-    def bound(i: mi.Float64) -> mi.Float64:
-        return warp(path, source.steps.boundary(path, i, total), concentration)
-
-    return bound
 
 
 def _integrate(
     planet: Planet,
     path: AirPath,
     batch: ShiningNodes | OpacityNodes,
-    source: RaySource,
+    rays: SunlitRays | None,
     o: Vec,
     d: Vec,
     count: int | mi.UInt32,
@@ -341,28 +308,34 @@ def _integrate(
     note: Callable[[mi.UInt32, Values, Values], tuple[Values, Values]] | None = None,
     attenuated: bool = True,
 ) -> tuple[Values, Values, State]:
-    """Return optical depth and radiances per node, and the source's state at the end.
+    """Return optical depth and radiances per node, and the state of sunlit ``rays`` at the end.
 
     ``note`` gets both after each step, and returns with what to go on.
     """
-    together = source.round.steps
 
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
         place = batch.place(planet, o, d, t)
         k = batch.extinction_at(place)
-        return k, source.source_at(place, k, point)
+        if isinstance(batch, SolarNodes):
+            assert rays is not None
+            return k, rays.source_at(place, point)
+        return k, batch.source_at(place)
 
     def body(
         i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
     ) -> tuple[mi.UInt32, mi.Float64, Values, Values, State]:
-        light, (looked, _) = source.over_round(t0, bound(mi.Float64(i) + float(together)), state, i == 0)
+        light, looked = None, state[0]
+        if rays is not None:
+            light, looked = rays.over_round(t0, bound(mi.Float64(i) + float(STEPS)), state, i == 0)
 
         def step(
             k: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, bending: mi.Float64 | None
         ) -> tuple[mi.UInt32, mi.Float64, Values, Values, mi.Float64 | None]:
             tau, radiance = list(tau), list(radiance)
             t1 = bound(mi.Float64(i + k) + 1.0)
-            low, high, bending = source.over_step(t0, t1, bending, light)
+            low, high = Point(), Point()
+            if rays is not None:
+                low, high, bending = rays.over_step(t0, t1, bending, light)
             h = t1 - t0
             k_a, j_a = evaluate(t0 + GAUSS_LOW * h, low)
             k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, high)
@@ -379,14 +352,14 @@ def _integrate(
             return k + 1, t1, tau, radiance, bending
 
         begin = mi.UInt32(0), t0 + 0.0, tau, radiance, state[1]
-        _, t0, tau, radiance, bending = repeated(together, begin, step, "steps")
-        return i + together, t0, tau, radiance, (looked, bending)
+        _, t0, tau, radiance, bending = dr.while_loop(begin, lambda k, *_: k < STEPS, step, label="steps")
+        return i + STEPS, t0, tau, radiance, (looked, bending)
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = bound(zero)
     nothing = [zero + 0.0] * batch.width
     dark = [zero + 0.0] * (batch.width * _parts(batch))
-    state = source.state_at(start, zero + 0.0)
+    state: State = ([], None) if rays is None else rays.state_at(zero)
     _, _, tau, radiance, state = dr.while_loop(
         (mi.UInt32(0), start, nothing, dark, state),
         lambda i, *_: i < count,

@@ -18,7 +18,7 @@ from typing import Protocol, Self, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
+from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.planet import Bands, Planet, along
 from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.scattering.source_table import HorizontalTransfer, SourceTable
@@ -115,7 +115,7 @@ class _Air:
 class OpacityNodes(_Air):
     """Air that does not shine."""
 
-    def source_at(self, place: Place, extinction: Values) -> Values:
+    def source_at(self, place: Place) -> Values:
         """Return nothing for no node: there is no emission to add up."""
         return []
 
@@ -132,7 +132,7 @@ class GlowNodes(_Air):
     ground: Values
     layer_m: float
 
-    def source_at(self, place: Place, extinction: Values) -> Values:
+    def source_at(self, place: Place) -> Values:
         """Return the emission per metre."""
         return [dr.select(place.inside, v, 0.0) for v in place.read(self.emission, self.width)]
 
@@ -203,11 +203,6 @@ class SolarNodes(_Air):
     glow: GlowNodes | None = None
     moonlight: Values | None = None
     columns: ColumnAir | None = None
-
-    @property
-    def on_a_map(self) -> bool:
-        """Whether the air varies with longitude too."""
-        return self.columns is not None and isinstance(self.columns.places, Lattice)
 
     def under(self, maps: Sequence[Gaps | None]) -> SolarNodes:
         """Return the batch, and its airglow, with the gaps of its layers."""
@@ -294,7 +289,6 @@ class SolarNodes(_Air):
         return total, [dr.clip(g, -0.99, 0.99) for g in mixed]
 
 
-EmittingNodes: TypeAlias = GlowNodes | OpacityNodes
 ShiningNodes: TypeAlias = SolarNodes | GlowNodes
 
 

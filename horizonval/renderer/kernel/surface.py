@@ -33,7 +33,7 @@ from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_clo
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction import BendingField, ray_end
 from horizonval.renderer.tables import table_of
-from horizonval.renderer.types import Values, Vec, constant, inverse_root
+from horizonval.renderer.types import Values, Vec, constant
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ class GroundTable:
             mi.Float64(ground_map.mixtures().ravel()),
             mi.Float64(edges),
             mi.Float32(ground_map.heights_m().ravel()),
-            dr.opaque(mi.Float64, ground_map.snow_line_deg(month), 1),
-            dr.opaque(mi.Float64, north, 1),
-            dr.opaque(mi.Float64, south, 1),
+            constant(ground_map.snow_line_deg(month)),
+            constant(north),
+            constant(south),
             mi.Float64(mean_snow_reflection()),
             mi.Float32(city_lights_map.inhabitants_per_m2().ravel()) if city_lights else None,
         )
@@ -224,41 +224,12 @@ def _around(
     return [i, i, i + 1, i + 1], [west, east, west, east], weights
 
 
-def fresnel(c: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.fresnel` of water."""
-    g = dr.sqrt(surface.WATER_INDEX**2 - 1.0 + c * c)
-    across = (g - c) / (g + c)
-    along_ = (c * (g + c) - 1.0) / (c * (g - c) + 1.0)
-    return 0.5 * across * across * (1.0 + along_ * along_)
-
-
-def _hidden(mu: mi.Float64, variance: mi.Float64) -> mi.Float64:
-    v = dr.minimum(mu * inverse_root(dr.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
-    return dr.maximum(0.5 * (dr.exp(-v * v) / (v * math.sqrt(math.pi)) - (1.0 - dr.erf(v))), 0.0)
-
-
-def glint_brdf(mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64, variance: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.glint_brdf`."""
-    up = (mu_sun > 0.0) & (mu_view > 0.0)
-    mu_sun, mu_view = dr.clip(mu_sun, 1e-6, 1.0), dr.clip(mu_view, 1e-6, 1.0)
-    incidence = dr.sqrt(dr.maximum(0.5 * (1.0 + cosine), 1e-12))
-    tilt = (mu_sun + mu_view) / (2.0 * incidence)
-    tilt2 = dr.minimum(tilt * tilt, 1.0)
-    seen = 1.0 / (1.0 + _hidden(mu_sun, variance) + _hidden(mu_view, variance))
-    density = dr.exp((1.0 - 1.0 / tilt2) / variance) / (math.pi * variance)
-    return dr.select(up, fresnel(incidence) * density * seen / (4.0 * mu_sun * mu_view * tilt2 * tilt2), 0.0)
-
-
 def snow_factor(mean: mi.Float64, mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64) -> mi.Float64:
     """Return the factor of snow in :mod:`horizonval.earth.surface.surface`; ``mean``: its table of N."""
     x = dr.clip(mu_sun, 0.0, 1.0) * (surface.SNOW_NODES - 1.0)
     i = dr.minimum(mi.UInt32(x), surface.SNOW_NODES - 2)
     over = dr.lerp(dr.gather(mi.Float64, mean, i), dr.gather(mi.Float64, mean, i + 1), x - mi.Float64(i))
-    sun, view = (dr.maximum(mu, surface.LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
-    theta = dr.rad2deg(dr.acos(dr.clip(-cosine, -1.0, 1.0)))
-    p = 11.1 * dr.exp(-0.087 * theta) + 1.1 * dr.exp(-0.014 * theta)
-    top = surface.SNOW_A + surface.SNOW_B * (sun + view) + surface.SNOW_C * sun * view + p
-    return top / (4.0 * (sun + view) * over)
+    return surface.snow_reflection(mu_sun, mu_view, cosine, dr) / over
 
 
 @dataclass(frozen=True)
@@ -300,9 +271,7 @@ class SurfaceHit:
         """Return the same for the nodes of a batch, padded to its width."""
         nodes = [surface.albedos(model, w) for w in wavelength_um]
         nodes += [Albedos(*(0.0,) * len(fields(Albedos)))] * (width - len(nodes))
-        return replace(
-            self, albedos=tuple({k: dr.opaque(mi.Float64, v, 1) for k, v in asdict(a).items()} for a in nodes)
-        )
+        return replace(self, albedos=tuple({k: constant(v) for k, v in asdict(a).items()} for a in nodes))
 
     def reflectance(self) -> tuple[Values, Values]:
         """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
@@ -390,14 +359,14 @@ def surface_hits(
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     normal, arriving = place.vertical, place.direction
     wet = shares["water"]
-    variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
+    variance = constant(surface.slope_variance(ground.model.wind_speed_m_s))
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
         mu_view, cosine = -dot(normal, arriving), -dot(arriving, light)
-        glint = wet * bare * glint_brdf(mu_sun, mu_view, cosine, variance)
+        glint = wet * bare * surface.glint_brdf(mu_sun, mu_view, cosine, variance, dr)
         forward = dr.select(cloud, 1.0, snow_factor(ground.table.snow, mu_sun, mu_view, cosine))
-        entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
+        entering = (1.0 - surface.fresnel(dr.maximum(mu_sun, 0.0), of=dr)) / (1.0 - surface.water_sky_albedo())
         hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
     if ground.table.inhabitants is not None:
         lamps = bare * luminance(ground.table, Places.below(normal), dot(normal, lights[0]), -dot(normal, arriving))
@@ -415,7 +384,7 @@ def ground_shares(ground: Ground, normal: Vec, clear: mi.Float64) -> dict[str, m
         first = dr.select(is_first_square(ground.pieces, normal), clear, 0.0)
         return {"ground": first, "other": clear - first}
     _, below = cover(ground.table, Places.below(normal))
-    foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
+    foam = constant(surface.foam_share(ground.model.wind_speed_m_s))
     shares = {name: clear * share for name, share in below.items()}
     return shares | {"water": shares["water"] * (1.0 - foam), "foam": shares["water"] * foam}
 

@@ -5,33 +5,23 @@ absorption. Along the ray the optical depth to that place is distributed as :mat
 
 .. math:: L_g = \int S_g \, e^{-\tau_g} \, d\tau_g + \dots = E[S_g(\text{place of absorption})]
 
-with S = 0 for paths that leave into space. On the ground a path ends with the probability of the emissivity
-(Kirchhoff) and is reflected otherwise. Each path belongs to one g point, sampled with a probability :math:`p_g`, and
-counts :math:`1 / p_g` times; the paths of a pixel lie evenly in the sum of these probabilities. Half of :math:`p_g` is
-:math:`S_g / \sum S_g` of air of :data:`TYPICAL_K`, half the same for all: line centres, which have next to no
-width and are all that shines high up, would otherwise have too few paths.
+with S = 0 for paths that leave into space. Each path belongs to one g point, sampled with a probability :math:`p_g`,
+and counts :math:`1 / p_g` times. Half of :math:`p_g` is :math:`S_g / \sum S_g` of air of :data:`TYPICAL_K`, half the
+same for all: line centres, which are all that shines high up, would otherwise have too few paths.
 
 Distances are found by null collisions (Woodcock): a tentative flight through air of the majorant :math:`M \ge k`, then
-absorption with the probability :math:`k / M`. Height above a convex body
-is a convex function along a line, so that a ray at height h whose height changes by :math:`\mu` per metre is never
-below :math:`h + \mu s`: the majorant holds. A flight ends where the ray may have sunk by :data:`SINK_M`, and goes on
-with the majorant from there.
+absorption with the probability :math:`k / M`. Height above a convex body is a convex function along a line, so that a
+ray at height h whose height changes by :math:`\mu` per metre is never below :math:`h + \mu s`: the majorant holds. A
+flight ends where the ray may have sunk by :data:`SINK_M`, and goes on with the majorant from there.
+
+**Air** lies on even heights, linear in height and in the sine of latitude. Below the height where the optical depth
+straight up is :data:`UNSEEN` the extinction is constant: light from deeper is a share of 2e-9, and paths need no steps
+of metres. **Ground**: shares and temperatures of :mod:`horizonval.earth.surface.ground_emission` lie on a grid of
+latitude and longitude inside the camera's horizon. A path meets one kind of ground, by chance. There it ends with the
+probability of its emissivity, or is reflected: by water as by a mirror, by all else evenly into all directions.
 
 Mitsuba provides the rays of the camera, the ground that they hit and its normal (an ``instance``, as in sunlight), the
 random numbers and the film. With the march it shares no code but that of the optical properties.
-
-**Air**: extinction and source function of every g point, and a majorant: the column of a thermal band
-(:class:`horizonval.earth.atmosphere.emission.EmittingBand`) on even heights, linear in height, and linear in the sine
-of latitude between rows.
-
-Opaque air is made less opaque where it cannot be seen: below the height where the optical depth straight up is
-:data:`UNSEEN`, the extinction is constant. Light from deeper is a share of ``exp(-20)``, 2e-9, and paths need no steps
-of metres.
-
-**Ground.** Shares and temperatures of :mod:`horizonval.earth.surface.ground_emission` lie on a grid of latitude and
-longitude over all that the camera's horizon encloses, linear between: 0.04 degrees from 500 km up, where the map of
-ground has 0.05. A path meets one kind of ground, by chance. There it ends with the probability of its emissivity, or is
-reflected: by water as by a mirror, by all else evenly into all directions.
 """
 
 from __future__ import annotations

@@ -16,22 +16,19 @@ Single precision forces three choices, all measured:
   crosses a boundary (each crossing shifts a ray sideways, which costs up to 9 % at the limb);
 * the ground is an ``instance`` of a unit sphere: a ``sphere`` with unequal scales is silently a sphere.
 
-**Air on a grid**, for Mitsuba without us, is one oriented box around the air that a camera sees. A grid cannot hold the
-whole shell: at 25 km a voxel nothing is left of a scale height of 8 km. So the box covers what the camera's rays cross,
-and the way of the sunlight to there; its axes are along the local vertical, along the line of sight and across. A
-voxel's edges are in inverse proportion to the rms component of the vertical along them, which makes the interpolation's
-error least for a number of voxels.
+**Air on a grid**, for Mitsuba without us, is one oriented box around the air that a camera sees and the way of the
+sunlight to there, with axes along the local vertical, along the line of sight and across. (Of the whole shell a grid
+has 25 km a voxel, against a scale height of 8 km.) A voxel's edges are in inverse proportion to the rms component of
+the vertical along them, which makes the interpolation's error least for a number of voxels.
 
-Molecules fall off exponentially. Trilinear interpolation of an exponential between samples :math:`\delta` apart is
-:math:`(x/2) \coth(x/2)` too high in the mean, with :math:`x = \delta / H`; their scattering is divided by that along
-each axis, and goes on below the ground. Haze and absorbing gases may end within a voxel: what is left of the extinction
-is the mean over the height of a voxel, the air mirrored in the ground, so that the column above the ground is kept
-whatever the voxels. (Continued downward, haze of a scale height of 1.5 km would be a hundred times as dense a voxel
-below the ground, and shine through into the air above.) All else is a mean weighted by the extinction.
+Trilinear interpolation of an exponential between samples :math:`\delta` apart is :math:`(x/2) \coth(x/2)` too high in
+the mean, with :math:`x = \delta / H`; the scattering of molecules is divided by that along each axis, and goes on below
+the ground. Haze and absorbing gases may end within a voxel: what is left of the extinction is the mean over the height
+of a voxel, the air mirrored in the ground, so that the column above the ground stays whatever the voxels. All else is a
+mean weighted by the extinction.
 
-What cannot be mended is the scatter about the mean: against exact shells (550 nm, 500 km up, no haze) a 6 deg limb
-camera is within noise, 0.3 % up to 40 km; a 60 deg one within 0.4 % up to 20 km, but 10 % high at 20 to 40 km. Ground:
-0.1 %.
+Against exact shells (550 nm, 500 km up, no haze) a 6 deg limb camera is within noise, 0.3 % up to 40 km; a 60 deg one
+within 0.4 % up to 20 km, but 10 % high at 20 to 40 km. Ground: 0.1 %.
 """
 
 from __future__ import annotations

@@ -20,29 +20,24 @@ that every Lambert albedo A is served::
 (0.1 % of the diffuse light by day, 0.4 % with the Sun 6 deg below the horizon, at 450 nm and an albedo of 0.8.)
 Whatever spans decades in twilight is interpolated as ``ln I_00`` and ratios to it.
 
-**Accuracy** of the total radiance of molecules, as tested: 0.6 % against another code (1.2 % with ozone) and 1 % plus
-its noise against Monte Carlo, from a high Sun to one 18 deg below the horizon. With particles of asymmetry 0.7:
-haze 0.7 % by day, 1 % until the Sun is 2 deg and 5 % until it is 5 deg below the horizon, in the dark rays towards
-the Sun; a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). LOWTRAN7's background, the Sun 5 to 12 deg below the
-horizon: 2.4 % at worst, 0.6 % rms; after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the
-Sun, 2.3 % rms. On the ellipsoid, read at geodetic height, 0.5 % against Monte Carlo over WGS84, which is its noise.
+**Accuracy** of the total radiance of molecules: 0.6 % against another code (1.2 % with ozone) and 1 % plus its noise
+against Monte Carlo, from a high Sun to one 18 deg below the horizon. With particles of asymmetry 0.7: haze 0.7 % by
+day, 1 % until the Sun is 2 deg and 5 % until it is 5 deg below the horizon, in the dark rays towards the Sun; a dense
+layer with sharp edges 1.5 %. LOWTRAN7's background, the Sun 5 to 12 deg below the horizon: 2.4 % at worst, 0.6 % rms;
+after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the Sun, 2.3 % rms.
 
 Light scattered once or twice has high moments; later orders and light from the ground have those up to
 ``later_degree`` on half of the Sun's angles: a quarter of the time, 0.1 % by day and at most 1 % more in the dark rays
-of twilight.
-
-Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of the air; for a ground
-that varies the two parts stay separate (:mod:`horizonval.renderer.local_light`).
+of twilight. Neglected: polarisation (1 % at 90 deg from the Sun), refraction, horizontal change of the air.
 
 **One pass** for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the
 node with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the
 node's Sun angle remains to be interpolated. Columns differ in extinction and scattering alone, so that one
 march finds the places for all of them.
 
-**On disk** diffuse fields are solved once for every column of air and cached under a hash of everything the solution
-depends on: the planet's radius, the columns, the phase functions, the quality and the version of the method; not
-albedo, Sun, camera or scene. Files are written to a temporary name and moved into place, so that concurrent runs
-cannot harm each other; a damaged file is solved again.
+**On disk** a solution lies under a hash of everything it depends on: the planet's radius, the columns, the phase
+functions, the quality and the version of the method. Of processes that need the same one solves it, and the others
+wait; a damaged file is solved again.
 """
 
 from __future__ import annotations
@@ -60,7 +55,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import array_of, cached_arrays, keep_arrays
+from horizonval.core.cache import array_of, cached_arrays, keep_arrays, making
 from horizonval.core.environment import cache_folder
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.progress import Progress, Silent, made_once
@@ -600,33 +595,38 @@ def multiple_scattering(
     progress: Progress | None = None,
 ) -> list[MultipleScattering]:
     """Return solutions from memory, from disk, or solved now, with a ``sun_table`` ``SOLVED_TOGETHER`` wide."""
+    top_m = float(altitude_m[-1])
     keys = [content_key(node, altitude_m, planet_m, quality) for node in nodes]
-    solutions: dict[str, MultipleScattering] = {}
+
+    def kept(key: str, node: SpectralNode) -> MultipleScattering | None:
+        bands = layer_bands(node, altitude_m)
+        heights = field_heights(top_m, quality.n_height, bands) if bands else None
+        return _memory.get(key) or _read(key, top_m, planet_m, degree_of(node, quality), quality, heights)
+
+    solutions = {key: kept(key, node) for key, node in zip(keys, nodes, strict=True)}
     missing: dict[int, dict[str, SpectralNode]] = {}
     for key, node in zip(keys, nodes, strict=True):
-        degree = degree_of(node, quality)
-        top_m, bands = float(altitude_m[-1]), layer_bands(node, altitude_m)
-        heights = field_heights(top_m, quality.n_height, bands) if bands else None
-        solution = _memory.get(key) or _read(key, top_m, planet_m, degree, quality, heights)
-        if solution is None:
-            missing.setdefault(degree, {})[key] = node
-        else:
-            solutions[key] = solution
+        if solutions[key] is None:
+            missing.setdefault(degree_of(node, quality), {})[key] = node
     for columns in missing.values():
         for first in range(0, len(columns), SOLVED_TOGETHER):
             together = dict(list(columns.items())[first : first + SOLVED_TOGETHER])
-            some = list(together.values())
-            with made_once("tables"):
-                solved = solve(some, altitude_m, planet_m, sun_table(some), quality, progress)
-            for key, solution in zip(together, solved, strict=True):
-                _write(_path(key), key, solution)
-                solutions[key] = solution
-    for key, solution in solutions.items():
-        _memory[key] = solution
+            with making(_path(next(iter(together)))), made_once("tables"):
+                solutions |= {key: kept(key, node) for key, node in together.items()}
+                some = {key: node for key, node in together.items() if solutions[key] is None}
+                if some:
+                    table = sun_table(list(some.values()))
+                    solved = solve(list(some.values()), altitude_m, planet_m, table, quality, progress)
+                    for key, solution in zip(some, solved, strict=True):
+                        _write(_path(key), key, solution)
+                        solutions[key] = solution
+    result = [found for key in keys if (found := solutions[key]) is not None]
+    for key, one in zip(keys, result, strict=True):
+        _memory[key] = one
         _memory.move_to_end(key)
     while len(_memory) > _KEPT:
         _memory.popitem(last=False)
-    return [solutions[key] for key in keys]
+    return result
 
 
 def _path(key: str) -> Path:

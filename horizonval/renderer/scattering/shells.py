@@ -32,16 +32,15 @@ eqs. 11 to 13, rescaled to unit norm over the sphere.
 runs from -0.40 (Sun 23.6 deg below the horizon) to 1: 0.3 deg at the terminator for 96 points, 3 deg with the Sun
 overhead.
 
-**Forward peaks of thin cloud** count as not scattered: a cut series of moments cannot hold them. A phase function of
-asymmetry g has the moments ``g^l``; the diffuse field keeps those up to a degree N, and ice with g = 0.8 has more.
-Wiscombe's delta-M method (J. Atmos. Sci. 34, 1408 (1977)) takes the share ``f = g^(N + 1)`` as a peak straight ahead::
+**Forward peaks of thin cloud** count as not scattered, because a cut series of moments cannot hold them: Wiscombe's
+delta-M method (J. Atmos. Sci. 34, 1408 (1977)). A phase function of asymmetry g has the moments ``g^l``; of those up to
+a degree N the share ``f = g^(N + 1)`` is a peak straight ahead::
 
     k' = k - f k_s,        source of light scattered before: k_s (g^l - f) for l <= N
 
 Light scattered once keeps its phase function, with the smaller extinction towards the Sun and the camera (TMS; Nakajima
-and Tanaka, J. Quant. Spectrosc. Radiat. Transf. 40, 51 (1988)). For layers of thin cloud alone, so that air without
-them stays as it is. Seen through such a layer the Sun's disc is brighter by ``exp(f tau)``: it holds light that a real
-one has within a few degrees around it.
+and Tanaka, J. Quant. Spectrosc. Radiat. Transf. 40, 51 (1988)). Seen through such a layer the Sun's disc is brighter by
+``exp(f tau)``: it holds light that a real one has within a few degrees around it.
 """
 
 from __future__ import annotations
@@ -419,13 +418,10 @@ class MultipleScattering:
     def over_ground(self, albedo: float) -> DiffuseField:
         """Return the field over a Lambert ground."""
         factor = albedo / (1.0 - albedo * self.spherical_albedo)
-        return DiffuseField(
-            self.air.top_m,
-            self.air.planet_m,
-            self.air.degree,
-            self.air.moments + factor * self.bounce.moments,
-            self.air.irradiance + factor * self.bounce.irradiance,
-            self.air.heights,
+        return replace(
+            self.air,
+            moments=self.air.moments + factor * self.bounce.moments,
+            irradiance=self.air.irradiance + factor * self.bounce.irradiance,
         )
 
 

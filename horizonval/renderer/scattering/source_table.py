@@ -50,7 +50,7 @@ from horizonval.renderer.scattering.shells import (
     sun_angle_position,
 )
 from horizonval.renderer.tables import interpolate, table_of
-from horizonval.renderer.types import Values, Vec, Vec3
+from horizonval.renderer.types import Values, Vec, Vec3, in_single
 
 ROW_STEP_M = 10.0
 
@@ -119,7 +119,7 @@ class SourceTable:
         ``forward``: share of what particles scatter that goes straight on (:mod:`.forward_peak`).
         """
         degree = self.used[-1][0]
-        zenith, ray, light = normal, _single(d), _single(sun)
+        zenith, ray, light = normal, in_single(d), in_single(sun)
         mu_s, up, nu = dot(zenith, light), dot(zenith, ray), mi.Float32(dot(d, sun))
         sine = dr.sqrt(dr.maximum(1.0 - up * up, 0.0))
         sines = dr.maximum(sine * dr.sqrt(dr.maximum(1.0 - mu_s * mu_s, 0.0)), 1e-5)
@@ -190,10 +190,6 @@ def _degree(field: DiffuseField) -> int:
 def _rows(heights: FloatArray) -> mi.Float32:
     z = ROW_STEP_M * np.arange(int(heights[-1] / ROW_STEP_M) + 1)
     return table_of(mi.Float32, np.interp(z, heights, np.arange(len(heights))))
-
-
-def _single(v: Vec) -> Vec3[mi.Float32]:
-    return mi.Float32(v[0]), mi.Float32(v[1]), mi.Float32(v[2])
 
 
 LEVELS_M = (700.0, 2000.0, 5000.0, 12_000.0, 30_000.0)

@@ -359,7 +359,7 @@ def _boundary(
 ) -> mi.Float64:
     """Return the ray parameter of step boundary ``i``."""
     if layered is not None:
-        return warp(path, layered.boundary(path, i, count), concentration)
+        return warp(path, layered.boundary(i), concentration)
     if stations is None:
         return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), concentration)
     start = path.t_low - path.length_before

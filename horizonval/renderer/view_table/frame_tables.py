@@ -18,7 +18,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
+from horizonval.renderer.kernel.ray_sources import SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
@@ -291,9 +291,9 @@ class FrameTables:
         planet, o, d = self.view.planet, self.view.origin, rays.direction
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
-        bent = bent_ray(nodes, planet, path, o, d, light.direction)
         if hit is None:
             bending = ray_end(planet, self.view.bending, o, d, path.t_low + path.length_after).bending
         else:
             bending = hit.bending
-        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
+        sunlit = SunlitRays.of(nodes, planet, path, o, d, light.direction)
+        return sunlit.ground_radiance(path, hit, bending, reflected)

@@ -26,7 +26,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, way_through
+from horizonval.renderer.planet import way_through
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.stations import LEAST_INTERVALS, StationPlace
@@ -143,8 +143,6 @@ class Light:
             self.direction,
             mi.Bool(to_ground),
             round(more * self.times_steps * self.nodes),
-            SOLAR_CONCENTRATION,
-            steady=True,
             lit=lit,
         )
 
@@ -168,7 +166,6 @@ class Light:
             d,
             self.direction,
             to_ground,
-            SOLAR_CONCENTRATION,
             stations,
             attenuated=attenuated,
         )

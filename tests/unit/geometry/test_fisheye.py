@@ -22,7 +22,7 @@ from horizonval.geometry.camera import (
     unproject,
 )
 from horizonval.geometry.ellipsoid import WGS84, sphere
-from horizonval.geometry.horizon import horizon_pixels, horizon_rows, limb_side
+from horizonval.geometry.horizon import _PoseHorizon, horizon_rows, limb_side
 from horizonval.spec.camera import turning_angle
 
 LENSES = {
@@ -141,6 +141,12 @@ def test_a_fisheye_that_folds_is_refused(circle_deg: float | None) -> None:
     assert math.degrees(turning_angle((-0.1, 0.0, 0.0, 0.0))) == pytest.approx(104.6073, abs=1e-3)
     with pytest.raises(UserError, match=r"104\.6"):
         check_invertible(camera((-0.1, 0.0, 0.0, 0.0), circle_deg=circle_deg))
+
+
+def horizon_pixels(*view) -> list[np.ndarray]:
+    """Return the visible arcs of the horizon as polylines; the arguments are those of :class:`_PoseHorizon`."""
+    horizon = _PoseHorizon(*view)
+    return [horizon.pixels(np.linspace(first, last, 720))[0] for first, last in horizon.arcs()]
 
 
 def test_the_horizon_behind_the_camera_plane_is_in_the_image() -> None:

@@ -31,13 +31,3 @@ def test_a_light_linear_on_each_face_is_found_between_the_nodes() -> None:
         error = np.abs(plan.mean(image) - light[plan.between])
         assert error.max() < 2 * STRIDE * 0.015
         assert np.median(error) < 1e-9
-        assert not plan.rough(image).any()
-
-
-def test_pixels_whose_nodes_differ_have_rays_of_their_own() -> None:
-    plan, _ = _plan()
-    light = np.where(ROW > 61, 1.0, 0.0).ravel()
-    rough = plan.rough(light)
-    near = np.abs(plan.between // SIDE - 61.5)
-    assert rough[near < 1].all()
-    assert not rough[near > 2 * STRIDE].any()

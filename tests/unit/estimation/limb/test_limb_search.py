@@ -335,7 +335,7 @@ def test_a_half_lit_textured_limb_has_points_where_it_is_lit(sign: float) -> Non
     assert (across @ sun / np.linalg.norm(across, axis=1)).min() > 0.0
     off = (BALL_RHO - off_axis_angle(found.los_cam, BALL_NADIR)) * BALL_CAMERA.fx
     # every profile has a shading of its own, which a texture of 80 % at the limb moves by some tenths of a pixel
-    assert abs(np.median(off)) < 0.08
+    assert abs(np.median(off)) < 0.1
     assert np.percentile(np.abs(off), 90.0) < 0.48
     assert len(off) > 50
 

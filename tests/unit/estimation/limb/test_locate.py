@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from horizonval.estimation.limb.cone import inwards_of
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.locate import (
     PixelNoise,
+    _edges_at,
     noise_covariance,
     pixel_noise,
-    to_edge,
 )
 from horizonval.estimation.limb.picture import LimbPoints
 from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
@@ -36,6 +37,14 @@ def air(nadir: np.ndarray, full: float = 1e9) -> np.ndarray:
     return np.minimum(50.0 + 800.0 * -np.expm1(-np.exp(np.clip(-x, -50, 50))), full)
 
 
+def to_edge(image: np.ndarray, camera: CameraModel, los: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return lines of sight (n, 3) moved across the limb to the fitted edges."""
+    edges = _edges_at(image, camera, los, axis)
+    assert edges.good.all()
+    angle = edges.shift[:, None] / camera.fx
+    return np.cos(angle) * los + np.sin(angle) * inwards_of(los, axis)
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 20.0, 45.0])
 def test_a_layer_of_air_is_found_at_one_height_all_along(turn_deg):
     off, turn = math.radians(66.0), math.radians(turn_deg)
@@ -53,8 +62,8 @@ def test_clipped_ground_moves_the_limb_by_a_fifth_of_the_scale_height():
     """Full scale at nine tenths of the ground's level: half of the step is a twentieth of it lower."""
     nadir = np.array([0.0, math.sin(1.15), math.cos(1.15)])
     los = find_limb(air(nadir), CAMERA).los_cam
-    plain, _ = to_edge(air(nadir), CAMERA, los, nadir, True)
-    clipped, _ = to_edge(air(nadir, full=50.0 + 0.9 * 800.0), CAMERA, los, nadir, True)
+    plain = to_edge(air(nadir), CAMERA, los, nadir)
+    clipped = to_edge(air(nadir, full=50.0 + 0.9 * 800.0), CAMERA, los, nadir)
     moved_px = (off_axis_angle(clipped, nadir).mean() - off_axis_angle(plain, nadir).mean()) * CAMERA.fx
     assert abs(moved_px) < 0.22 * SCALE_PX
 
@@ -140,13 +149,12 @@ def test_it_is_the_covariance_of_draws(bright_inside):
     """60 draws: the sample covariance of three unknowns is good to a fifth, its ratios' extremes to a factor of 1.7."""
     image = noise_free(bright_inside)
     start = along_limb()
-    start, _ = to_edge(image, SMALL, start, AXIS, bright_inside)
+    start = to_edge(image, SMALL, start, AXIS)
     claimed = noise_covariance(image, SMALL, start, AXIS, TRUE_NOISE)
     basis = tangent_basis(AXIS)
     cones = []
     for seed in range(60):
-        los, kept = to_edge(drawn(image, 100 + seed), SMALL, start, AXIS, bright_inside)
-        assert len(kept) == len(start)
+        los = to_edge(drawn(image, 100 + seed), SMALL, start, AXIS)
         cone = fit_cone(los)
         cones.append([*(cone.axis_cam @ basis), cone.rho_rad])
     ratios = np.linalg.eigvals(np.linalg.solve(claimed, np.cov(np.array(cones).T))).real
@@ -156,7 +164,7 @@ def test_it_is_the_covariance_of_draws(bright_inside):
 
 def test_twice_the_variance_is_twice_the_covariance():
     image = noise_free()
-    los, _ = to_edge(image, SMALL, along_limb(), AXIS, True)
+    los = to_edge(image, SMALL, along_limb(), AXIS)
     one, two = (
         noise_covariance(image, SMALL, los, AXIS, PixelNoise(k * READ_DN**2, k * GAIN, DARK)) for k in (1.0, 2.0)
     )
