@@ -28,7 +28,7 @@ from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.planet import way_through
 from horizonval.renderer.types import Values, Vec, constant
-from horizonval.renderer.view_table.ray_table import PACKET, RayPlane, RayTable
+from horizonval.renderer.view_table.ray_table import HALVED, HALVED_AT_EDGES, PACKET, RayPlane, RayTable
 from horizonval.renderer.view_table.stations import LEAST_INTERVALS, StationPlace
 
 USUAL = 1e-3
@@ -271,7 +271,8 @@ def air_table(
         found *= miss
         return found
 
-    return RayTable(values, len(scale), allowed=allowed, single=single)
+    knots = HALVED_AT_EDGES if light.edges_m else HALVED
+    return RayTable(values, len(scale), knots, allowed, single=single)
 
 
 STATIONS, STATIONS_TO_GROUND = 19, 13
