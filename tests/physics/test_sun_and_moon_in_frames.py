@@ -257,7 +257,7 @@ def _along(mi: Any, batch: Any, origin: np.ndarray, direction: np.ndarray) -> np
     o, d = (tuple(mi.Float64(np.ascontiguousarray(a[:, k])) for k in range(3)) for a in (origin, direction))
     up = (mi.Float64(0.0), mi.Float64(0.0), mi.Float64(1.0))
     planet = Planet(RADIUS_M, RADIUS_M)
-    radiance, _ = march(planet, 120e3, batch.glow, o, d, up, mi.Bool(False), 256, 0.15)
+    radiance, _ = march(planet, 120e3, batch.glow, o, d, up, mi.Bool(False), 256)
     return np.array(radiance[0])
 
 
