@@ -2,7 +2,7 @@
 
 Every requirement is a share of frames that must keep a limit (:mod:`horizonval.spec.requirement`). It is *met* if the
 one-sided lower bound of the share exceeds what is required, *not met* if the upper bound is below it, and *not shown*
-in between. Bounds are those of Clopper and Pearson (Biometrika 26, 404, 1934). For samples of one flight the effective
+in between. Bounds are Clopper and Pearson's (Biometrika 26, 404, 1934). For samples of one flight the effective
 sample size, n over the design effect, replaces n (E. L. Korn and B. I. Graubard, Survey Methodology 24, 193, 1998); if
 all frames have the same outcome, the variation between flights is unknown, and every flight counts once. Bounds are not
 adjusted for the number of requirements.
@@ -165,16 +165,16 @@ def judge(requirement: Requirement, answers: Answers) -> JsonObject:
     for axis in axes:
         counted = answers.claimed
         if requirement.error_deg is not None:
-            kept = answers.within(requirement.error_deg, axis)
+            passed = answers.within(requirement.error_deg, axis)
             counted = np.ones_like(counted) if requirement.availability is not None else counted
         elif requirement.false_claims is not None:
-            kept = ~answers.false
+            passed = ~answers.false
         elif requirement.latency_s is not None:
             counted = np.isfinite(answers.seconds)
-            kept = np.nan_to_num(answers.seconds, nan=np.inf) <= requirement.latency_s
+            passed = np.nan_to_num(answers.seconds, nan=np.inf) <= requirement.latency_s
         else:
-            kept, counted = answers.claimed, np.ones_like(counted)
-        found = proportion(kept[counted], answers.cluster[counted], requirement.confidence)
+            passed, counted = answers.claimed, np.ones_like(counted)
+        found = proportion(passed[counted], answers.cluster[counted], requirement.confidence)
         verdict = verdict_of(found, requirement.share)
         more = None
         if verdict == "open":

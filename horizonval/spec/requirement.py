@@ -36,7 +36,7 @@ class Requirement(Model):
     axis: Literal["nadir", "roll", "pitch", "each"] = "nadir"
     """What the error is: the angle between claimed and true nadir, roll, pitch, or roll and pitch judged separately."""
     n_sigma: Annotated[float, Field(gt=0, le=6), unit("1")] | None = None
-    """The share of answers within the error, as that of a normal distribution within n sigma: 3 means 99.73 %."""
+    """The share of answers within the error: a normal distribution has it within n sigma, 3 means 99.73 %."""
     quantile: Share | None = None
     """The share of answers within the error, or of estimates within the latency (0.95 by default)."""
     availability: Share | None = None

@@ -2,7 +2,7 @@
 
 The row of a source is the difference of the answers with it and without it, frame by frame, where both were answered.
 Every state is observed with the same draws of the detector's noise. A row is the mean difference of a frame's draws;
-from its variance that of the noise is taken out, which the draws tell: the variance among them over their number. The
+its variance loses the part of the noise, which is the variance among the draws over their number. The
 row of the noise is the deviation of the first draw from the mean of all, times ``sqrt(K / (K - 1))`` for K draws. The
 estimator's row is the mean error with all sources off. ``alone`` repeats the frame with one source on: for small errors
 its difference from the estimator's row equals the row.
@@ -215,9 +215,7 @@ def run_budget(
         failed = {name: one.error for name, one in done.items() if one.error is not None}
         if failed:
             name, error = next(iter(failed.items()))
-            raise UserError(
-                f"{name}: {error}", where=str(out_dir), fix="mend it and run again; finished frames are kept"
-            )
+            raise UserError(f"{name}: {error}", where=str(out_dir), fix="mend it and run again; finished frames stay")
         records = {name: one.result for name, one in done.items() if one.result is not None}
         result = conclude(suite, units, records, window_s, alone)
         write(result, out_dir)
