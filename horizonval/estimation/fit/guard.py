@@ -608,8 +608,9 @@ def pulled(
     left, covariance = left / widened, covariance / widened
     learnt = 1.0 - left
     off = axes.T @ (root @ -pose.step_to(mean))
-    # An image that says nothing about a direction does not move the pose along it, either.
-    learnt = np.maximum(learnt, least_learnt)
+    # An image that says nothing about a direction does not move the pose along it: a departure there is no measure of
+    # how wrong the prior is, and only one beyond the prior itself is improbable.
+    learnt = np.where(learnt > least_learnt, learnt, 1.0)
     square = off**2 / learnt
     # Where the image determines more than the prior the two must agree, since nothing would widen the claim.
     seen = left < 0.5
