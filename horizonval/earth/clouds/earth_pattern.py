@@ -459,16 +459,14 @@ def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     """Return :func:`coarse_map`, cached in memory and on disk."""
     method = code_digest(rooms=FRAME_ROOMS)
     path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
-    kept = cached_arrays(path, _coarse)
-    if kept is not None:
-        return kept
     with making(path):
-        kept = cached_arrays(path, _coarse)
-        if kept is None:
-            kept = coarse_map(seed, month, cover)
-            keep_arrays(path, {"values": kept.values, "ends": np.array([kept.lowest, kept.highest]), "rank": kept.rank})
+        found = cached_arrays(path, _coarse)
+        if found is None:
+            found = coarse_map(seed, month, cover)
+            ends = np.array([found.lowest, found.highest])
+            keep_arrays(path, {"values": found.values, "ends": ends, "rank": found.rank})
             keep_newest(path.parent, KEPT)
-    return kept
+    return found
 
 
 def _coarse(arrays: Mapping[str, np.ndarray]) -> Coarse:

@@ -127,7 +127,8 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
     # Data of the package, temporary files, the lock, the null device, and bytes or files that were checked.
     allowed = {
         "earth/tables.py", "report/page.py", "store/header.py", "store/folder.py", "api/info.py", "store/fits.py",
-        "studies/dataset/shards.py", "cli/serving.py", "store/exr.py", "store/picture.py", "formats/rays.py",
+        "studies/dataset/shards.py", "cli/locating.py", "cli/serving.py", "store/exr.py", "store/picture.py",
+            "formats/rays.py",
         "scoring/row.py", "studies/regression/night.py", "studies/regression/baseline.py",
         "store/quiet.py", "store/readers/arrays.py", "store/readers/raster.py",
     }  # fmt: skip
