@@ -537,12 +537,13 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
 
 def _lost_lines(lines: FloatArray) -> BoolArray:
     """Return which rows of an array are lost: of one value or copied, and unlike what is about them."""
-    usual = np.median(lines, axis=1)
     # Black space is of one value too; most of its neighbours then have that value, and most of a copied line has it.
     even = lines.min(axis=1) == lines.max(axis=1)
     copied = np.zeros(len(lines), dtype=bool)
     copied[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
-    copied &= np.mean(lines == usual[:, None], axis=1) < 0.5
+    suspects = lines[copied]
+    if len(suspects):
+        copied[copied] = np.mean(suspects == np.median(suspects, axis=1)[:, None], axis=1) < 0.5
     lost = copied
     for first, last in np.flatnonzero(np.diff(np.pad(even, 1).astype(np.int8))).reshape(-1, 2):
         # At the image's border nothing tells space from loss.
