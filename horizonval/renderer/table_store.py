@@ -22,7 +22,7 @@ class Sized(Protocol):
 
 Table = TypeVar("Table", bound=Sized)
 MOST_BYTES = 256_000_000
-"""Of all tables of a process."""
+"""Memory limit of all tables of a process."""
 
 
 class TableStore:

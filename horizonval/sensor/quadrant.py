@@ -38,7 +38,7 @@ HALF_AZIMUTH_RAD = math.radians(10.0)
 OTHER_RAD, GAP_RAD = math.radians(3.0), math.radians(0.5)
 DETECTIVITY_CM, APERTURE_CM2, FOCAL_CM, TRANSMISSION, BANDWIDTH_HZ = 1e8, 1.0, 2.0, 0.5, 1.0
 SHIFT_RAD = math.radians(0.5)
-"""By how much the fields are moved for the calibration."""
+"""Distances by which the fields are moved for the calibration."""
 LEAST_QUADRANTS = 3
 RESIDUAL_RAD = math.radians(0.5)
 """Largest disagreement of the quadrants: air of two hemispheres causes a tenth of a degree of it."""

@@ -32,7 +32,7 @@ LEAST_SHARE = 1.0 / 256.0
 ABOVE_TOPS = 1.01
 """Height where the bisection begins, over that of the highest tops: stretching raises them by up to 0.3 %."""
 BISECTIONS = 11
-"""To 8 m from tops of 17 km."""
+"""Number of bisections: the height is then right to 8 m from tops of 17 km."""
 FEWEST, MOST = 2**10, 2**20
 """Azimuths of the outline all round: as many as four to the smallest cell, in powers of two."""
 BLOCK = 64

@@ -12,7 +12,7 @@ from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.ray_table import PACKET, RayTable
 
 LEAST_INTERVALS = 3
-"""Of a piece: a cubic goes through four stations."""
+"""Smallest number of intervals of a piece: a cubic goes through four stations."""
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,7 @@ class Flight:
 
     @property
     def excess(self) -> float:
-        """By what factor the sensor misses the requirement, or the 1 % of refusals that it may have."""
+        """Factor by which the sensor misses the requirement, or the 1 % of refusals that it may have."""
         return max(np.nan_to_num(self.three_sigma_deg(), nan=math.inf) / REQUIREMENT_DEG, self.refused / 0.01)
 
 
