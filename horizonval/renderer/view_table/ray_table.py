@@ -188,7 +188,7 @@ class Knots:
 
 HALVED = Knots(8, 8, halved=4, rows_halved=7)
 HALVED_AT_EDGES = Knots(16, 8, halved=4, rows_halved=6)
-"""Knots for air with layers: larger patches can hold the kink at a layer's edge between two nodes, where no node shows it."""
+"""Knots for air with layers. The kink at an edge can lie between two nodes of larger patches, where none shows it."""
 
 
 @dataclass(frozen=True)
