@@ -124,7 +124,7 @@ class ConicalScanner:
         return axis, start, np.cross(axis, start)
 
     def directions(self, phase_rad: ArrayLike, off_rad: float = 0.0) -> FloatArray:
-        """Return the beam at phases (...), shape (..., 3), in body axes; or a line beside it, off by an angle."""
+        """Return the beam at phases (...), shape (..., 3), in body axes; or a line that is off it by an angle."""
         axis, start, quarter = self.axes
         phase = np.asarray(phase_rad, dtype=np.float64)[..., None]
         g = self.half_angle_rad + off_rad

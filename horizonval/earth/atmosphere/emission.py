@@ -148,7 +148,7 @@ class EmittingBand:
 
     @cached_property
     def content_digest(self) -> str:
-        """The digest of all fields; those of weather take 0.1 s."""
+        """The digest of all fields; for weather it takes 0.1 s."""
         return content_digest(*(getattr(self, item.name) for item in fields(self)))
 
     def coarser(self) -> EmittingBand:

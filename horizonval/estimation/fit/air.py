@@ -53,7 +53,7 @@ LEFT_OUT = 1e-4
 """Neglected share of a mode's variance: 1 % of its standard deviation. It moves the nadir by up to 0.03 of its sigma in
 eleven frames, 1e-3 by up to 0.24."""
 LEFT_M, LEFT_LENGTH_RAD = 6e3, 0.1
-"""Correlation height and length along the limb of what the modes leave: between those of clouds and of air."""
+"""Correlation height and length along the limb of what the modes leave, between the values of clouds and of air."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 """Standard deviation of the optics' gain along the limb, relative, and its correlation length."""
 POLE_ITRS = np.array([0.0, 0.0, 1.0])

@@ -183,7 +183,7 @@ class NearPixels:
         return NearPixels(**{name: getattr(self, name)[..., which] for name in names}, ray=ray, every=self.every)
 
     def in_view(self, camera: CameraModel, across_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.bool_]:
-        """Return pixels, shape (n,), with the limb beside them in view from ``across_px[0]`` (outside, < 0) to [1]."""
+        """Return pixels, shape (n,), with the nearest limb in view from ``across_px[0]`` (outside, < 0) to [1]."""
         inwards, x = -self.gradient / self.width_m, self.x_px
         seen = np.ones(len(x), dtype=bool)
         for end in set(across_px):

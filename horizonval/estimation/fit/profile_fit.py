@@ -79,7 +79,7 @@ class ProfileFit:
 
     @property
     def uneven_px(self) -> float:
-        """Departure of the fitted limb from that of a planet: none, since a profile follows the planet's."""
+        """Departure of the fitted limb from a planet's limb: none, since a profile follows the planet's."""
         return 0.0
 
     def in_axes(self, turn: FloatArray) -> ProfileFit:

@@ -129,7 +129,7 @@ def _no_earth(rho_rad: float, points: FloatArray) -> Refusal:
 
 
 def _unlike_a_limb(points: TrustedPoints, uv: FloatArray) -> Refusal | None:
-    """Return why the pixels about the points are not those of a limb in air, or None."""
+    """Return why the pixels about the points show no limb in air, or None."""
     return _unlike(points.picture.grey, points.observation, points.axis, points.rho_rad, uv, by_pixels=False)
 
 

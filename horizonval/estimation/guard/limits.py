@@ -97,9 +97,9 @@ def model_error(
 
 
 def seen_relief(off: FloatArray, azimuth: FloatArray) -> float:
-    """Return the standard deviation of points' distances from the limb, shape (n,), beyond that of single points.
+    """Return the standard deviation of points' distances from the limb, shape (n,), without their own scatter.
 
-    It is that of means over pieces of the limb, of :data:`PIECE_RAD`, without what they keep of the points' scatter.
+    It is taken over means of pieces of the limb, of :data:`PIECE_RAD`, less the part of the points' scatter in them.
     """
     _, piece = np.unique(np.floor(azimuth / PIECE_RAD), return_inverse=True)
     count = np.bincount(piece)
@@ -184,7 +184,7 @@ def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance:
 
 
 def _altitude_off(observation: Observation, rho_rad: float, variance: float) -> float | None:
-    """Return the departure of an angular radius from that of the known altitude, None if nothing contradicts it."""
+    """Return the departure of an angular radius from the one at the known altitude, None if nothing contradicts it."""
     prior, camera = observation.prior, observation.camera
     radius = prior.sphere_radius_m
     if prior.angular_radius is not None:

@@ -26,11 +26,11 @@ from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.types import Vec
 
 LINES = 4
-"""Across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
+"""Lines across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
 LEAST_SHARE = 1.0 / 256.0
-"""Of a cell, to have a ray of its own."""
+"""Smallest share of a cell that has a separate ray."""
 ABOVE_TOPS = 1.01
-"""Height where the bisection begins, over that of the highest tops: stretching raises them by up to 0.3 %."""
+"""Ratio of the height where the bisection begins to the highest tops: stretching raises them by up to 0.3 %."""
 BISECTIONS = 11
 """Number of bisections: the height is then right to 8 m from tops of 17 km."""
 FEWEST, MOST = 2**10, 2**20

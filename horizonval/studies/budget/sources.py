@@ -141,7 +141,7 @@ def sources_in(scene: SceneSpec, camera: CameraSpec, truth: FrameTruth) -> tuple
 
 
 def scene_without(scene: SceneSpec, off: Iterable[str]) -> SceneSpec:
-    """Return a scene without some sources; its draws are those of the scene."""
+    """Return a scene without some sources; its draws do not change."""
     for name in off:
         change = BY_NAME[name].scene
         scene = scene if change is None else change(scene)

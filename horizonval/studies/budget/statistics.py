@@ -26,7 +26,7 @@ from horizonval.core.json_types import JsonObject
 
 THREE_SIGMA = 0.9973
 FEWEST_FOR_TAILS = 100
-"""Smallest sample whose tails are compared with those of a normal distribution."""
+"""Smallest sample whose tails are compared with a normal distribution."""
 DRAWS = 500
 CONFIDENCE = 0.95
 TAIL_FACTOR = 1.5
@@ -34,7 +34,7 @@ TAIL_FACTOR = 1.5
 SHORTEST_FALL = 0.1
 """Smallest fall of the logarithm of the autocovariance over the longest time difference that gives an e-fold time."""
 SIGNIFICANT = 0.3
-"""Smallest autocovariance, relative to that of neighbouring samples, that enters the e-fold time."""
+"""Smallest autocovariance, relative to its value for neighbouring samples, that enters the e-fold time."""
 
 
 def two_levels(series: Sequence[FloatArray], noise_variance: float = 0.0, seed: int = 0) -> JsonObject:
